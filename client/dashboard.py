@@ -1,15 +1,15 @@
 """Client for a robot's dashboard server: power, brakes, programs, popups, modes.
 
     async with DashboardClient("192.168.56.101") as dashboard:
-        await dashboard.ask(POWER_ON)
-        mode = await dashboard.ask(ROBOT_MODE)
+        await dashboard.request(POWER_ON)
+        mode = await dashboard.request(ROBOT_MODE)
 
     with BlockingDashboardClient("192.168.56.101") as dashboard:
-        dashboard.ask(load("pick.urp"))
+        dashboard.request(load("pick.urp"))
 
-An Operation is a command line and how to read its answer; client.dashboard_commands defines all of them. `ask` raises
-RobotRefused if the answer does not report success. It also does so for a command that the controller's version does not
-have, without sending it.
+An Operation is a command line and how to read its answer; client.dashboard_commands defines all of them. `request`
+raises RobotRefused if the answer does not report success. It also does so for a command that the controller's version
+does not have, without sending it.
 """
 
 import asyncio
@@ -141,7 +141,7 @@ class DashboardCore:
         if greeting != wire.GREETING:
             raise RemoteProtocolError(f"this is not a dashboard server: its greeting is {greeting!r}")
 
-    def ask(self, operation: Operation[Answer]) -> Flow[Answer]:
+    def request(self, operation: Operation[Answer]) -> Flow[Answer]:
         """Send an operation's line and read its answer."""
         if "\n" in operation.line or "\r" in operation.line:
             raise LocalProtocolError(f"a dashboard command is one line, this is not: {operation.line!r}")
@@ -190,13 +190,13 @@ class DashboardClient(AsyncConnection):
         self._core: DashboardCore | DashboardOnX = DashboardCore()
         self._lock = asyncio.Lock()
 
-    async def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
+    async def request(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Carry out one operation and return its answer. Raises RobotRefused if the robot refuses.
 
         timeout_s: how long the answer may take [s]; None for the operation's own limit.
         """
         async with self._lock:
-            return await self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
+            return await self.run(self._core.request(operation), timeout_s or operation.timeout_s)
 
     async def __aenter__(self) -> Self:
         try:
@@ -225,12 +225,14 @@ class BlockingDashboardClient(BlockingConnection):
         self._robot_api_port = _robot_api_port(port) if robot_api_port is None else robot_api_port
         self._core: DashboardCore | DashboardOnX = DashboardCore()
 
-    def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
+    def request(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Carry out one operation and return its answer. Raises RobotRefused if the robot refuses.
 
         timeout_s: how long the answer may take [s]; None for the operation's own limit.
         """
-        return self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
+        return self.run(self._core.request(operation), timeout_s or operation.timeout_s)
+
+    ask = request  # the former name, used by benchmarks/chaos.py
 
     def __enter__(self) -> Self:
         try:

@@ -51,7 +51,7 @@ class DashboardOnX:
         """Check that this is a Robot API. Raises RemoteProtocolError if it is not."""
         return self._api.opening()
 
-    def ask(self, operation: Operation[Answer]) -> Flow[Answer]:
+    def request(self, operation: Operation[Answer]) -> Flow[Answer]:
         """Carry out an operation, and read the answer that a dashboard would give."""
         reply = yield from self._answer(operation.line.strip())
         return operation.answer(reply)
@@ -64,26 +64,26 @@ class DashboardOnX:
         key = line.lower()
         if key in _CONFIRMED:
             request, confirmation = _CONFIRMED[key]
-            yield from self._api.ask(request)
+            yield from self._api.request(request)
             return confirmation
         if key in _QUERIES:
             query, shown = _QUERIES[key]
-            return shown((yield from self._api.ask(query)))
+            return shown((yield from self._api.request(query)))
         if key.startswith(_LOAD):
             name = line[len(_LOAD) :].strip().removeprefix(_FOLDER).removesuffix(_SUFFIX)
-            yield from self._api.ask(robotapi.load(name))
+            yield from self._api.request(robotapi.load(name))
             return f"Loading program: {name}"
         if key == "play":
             return (yield from self._play())
         if key == "programstate":
-            state = yield from self._api.ask(robotapi.PROGRAM_STATE)
-            return f"{state.value} {(yield from self._api.ask(robotapi.LOADED_PROGRAM))}"
+            state = yield from self._api.request(robotapi.PROGRAM_STATE)
+            return f"{state.value} {(yield from self._api.request(robotapi.LOADED_PROGRAM))}"
         if key == "quit":
             return replies.DISCONNECTED
         raise RobotRefused(line, NOT_ON_POLYSCOPE_X, "send URScript, or do without it")
 
     def _play(self) -> Flow[str]:
         """Start the program, or resume it if it is paused, like the dashboard's play."""
-        state = yield from self._api.ask(robotapi.PROGRAM_STATE)
-        yield from self._api.ask(robotapi.RESUME if state is ProgramState.PAUSED else robotapi.PLAY)
+        state = yield from self._api.request(robotapi.PROGRAM_STATE)
+        yield from self._api.request(robotapi.RESUME if state is ProgramState.PAUSED else robotapi.PLAY)
         return replies.STARTING

@@ -233,7 +233,7 @@ def examine_replies(host: str, port_offset: int = 0) -> Iterator[Finding]:
 
 def _measure_reply(board: dashboard.BlockingDashboardClient) -> float:
     began = time.perf_counter()
-    board.ask(dashboard.ROBOT_MODE)
+    board.request(dashboard.ROBOT_MODE)
     return time.perf_counter() - began
 
 

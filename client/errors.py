@@ -165,18 +165,18 @@ class ProgramNotRunningError(ClientError):
 
 
 class ProgramEndedError(ClientError):
-    """The control program disconnected from the driver's ``port`` during ``doing``; ``why`` is the known cause."""
+    """The control program disconnected from the driver's ``port`` during ``operation``; ``why`` is the known cause."""
 
     def __init__(
         self,
         port: int,
-        doing: str,
+        operation: str,
         why: str = "the robot's log says why",
         advice: str = "start the program again",
     ) -> None:
-        super().__init__(f"the control program left port {port} during {doing}: {why}; {advice}")
+        super().__init__(f"the control program left port {port} during {operation}: {why}; {advice}")
         self.port = port
-        self.doing = doing
+        self.operation = operation
         self.why = why
 
 
@@ -234,22 +234,22 @@ class NoManagerError(ManagerError):
 
 
 class MotionError(ClientError):
-    """The motion ``doing`` was not carried out; ``why`` is the reason."""
+    """The motion ``operation`` was not carried out; ``why`` is the reason."""
 
-    def __init__(self, doing: str, why: str) -> None:
-        super().__init__(f"{doing} was not carried out: {why}")
-        self.doing = doing
+    def __init__(self, operation: str, why: str) -> None:
+        super().__init__(f"{operation} was not carried out: {why}")
+        self.operation = operation
         self.why = why
 
 
 class OutOfReachError(MotionError):
     """The arm cannot reach a target.
 
-    point: index of the target within ``doing``, from 0; None when the robot reported the error without an index.
+    point: index of the target within ``operation``, from 0; None when the robot reported the error without an index.
     """
 
-    def __init__(self, doing: str, why: str, point: int | None = None) -> None:
-        super().__init__(doing, why)
+    def __init__(self, operation: str, why: str, point: int | None = None) -> None:
+        super().__init__(operation, why)
         self.point = point
 
 
@@ -260,9 +260,9 @@ class MotionStoppedError(MotionError):
 class LateSetpointError(MotionError):
     """The next setpoint came too late, so the robot stopped the arm. The control program still runs."""
 
-    def __init__(self, doing: str, why: str) -> None:
+    def __init__(self, operation: str, why: str) -> None:
         super().__init__(
-            doing,
+            operation,
             f"{why}. The arm is at rest and the program continues. Find out what keeps this machine busy "
             "(ur-client doctor), and allow real-time priority",
         )
@@ -272,8 +272,8 @@ class LateSetpointError(MotionError):
 class SafetyStopError(MotionError):
     """The robot stopped for safety. ``mode``: its safety mode; ``cause``: what it reports, empty if it reports none."""
 
-    def __init__(self, doing: str, mode: SafetyMode, cause: str, advice: str) -> None:
-        super().__init__(doing, f"{mode.name}, {cause or 'the robot reports no cause'}: {advice}")
+    def __init__(self, operation: str, mode: SafetyMode, cause: str, advice: str) -> None:
+        super().__init__(operation, f"{mode.name}, {cause or 'the robot reports no cause'}: {advice}")
         self.mode = mode
         self.cause = cause
 

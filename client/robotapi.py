@@ -1,16 +1,16 @@
 """Client for the Robot API of PolyScope X: power, brakes, programs and modes, over HTTP.
 
     async with RobotAPIClient("192.168.56.101") as robot:
-        await robot.ask(POWER_ON)
-        mode = await robot.ask(ROBOT_MODE)
+        await robot.request(POWER_ON)
+        mode = await robot.request(ROBOT_MODE)
 
     with BlockingRobotAPIClient("192.168.56.101") as robot:
-        robot.ask(upload(Path("pick.urpx").read_bytes()))
-        robot.ask(load("pick"))
+        robot.request(upload(Path("pick.urpx").read_bytes()))
+        robot.request(load("pick"))
 
-An ApiRequest is a request and how to read its answer. `ask` raises RobotRefused if the answer does not report success.
-It also does so for a request that the robot's API version does not have, without sending it. Each request uses a new
-connection, because robots close idle ones.
+An ApiRequest is a request and how to read its answer. `request` raises RobotRefused if the answer does not report
+success. It also does so for a request that the robot's API version does not have, without sending it. Each request uses
+a new connection, because robots close idle ones.
 """
 
 import asyncio
@@ -205,7 +205,7 @@ class RobotApiCore:
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise RemoteProtocolError(f"this is not a Robot API: {wire.OPENAPI} has no version") from error
 
-    def ask(self, request: ApiRequest[Answer]) -> Flow[Answer]:
+    def request(self, request: ApiRequest[Answer]) -> Flow[Answer]:
         """Send a request and read its answer."""
         request = self._for_this_version(request)
         body, content_type = _encoded(request.body)
@@ -317,10 +317,10 @@ class RobotAPIClient(AsyncConnection):
         self.core = RobotApiCore(host, port)
         self._lock = asyncio.Lock()
 
-    async def ask(self, request: ApiRequest[Answer]) -> Answer:
+    async def request(self, request: ApiRequest[Answer]) -> Answer:
         """Send one request and return its answer. Raises RobotRefused if the robot refuses."""
         async with self._lock:
-            return await self.run(self.core.ask(request))
+            return await self.run(self.core.request(request))
 
     def _opening(self) -> Flow[None]:
         return self.core.opening()
@@ -333,9 +333,9 @@ class BlockingRobotAPIClient(BlockingConnection):
         super().__init__(host, port, timeout_s)
         self.core = RobotApiCore(host, port)
 
-    def ask(self, request: ApiRequest[Answer]) -> Answer:
+    def request(self, request: ApiRequest[Answer]) -> Answer:
         """Send one request and return its answer. Raises RobotRefused if the robot refuses."""
-        return self.run(self.core.ask(request))
+        return self.run(self.core.request(request))
 
     def _opening(self) -> Flow[None]:
         return self.core.opening()

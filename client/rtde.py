@@ -241,7 +241,9 @@ class RTDECore:
             self._inputs.recipes.remove(recipe)
             raise
 
-    def say(self, text: str, source: str = "", level: codec.MessageLevel = codec.MessageLevel.INFO) -> Flow[None]:
+    def send_message(
+        self, text: str, source: str = "", level: codec.MessageLevel = codec.MessageLevel.INFO
+    ) -> Flow[None]:
         """Write a line to the controller's log; text and source are truncated to 255 bytes."""
         yield codec.ClientMessage(text, source, level).encode(self._protocol)
 

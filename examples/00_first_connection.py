@@ -16,19 +16,19 @@ def main() -> None:
         stream = connection.makefile("rw", newline="\n")
         print(stream.readline().strip())
 
-        def ask(command: str) -> str:
+        def request(command: str) -> str:
             stream.write(command + "\n")
             stream.flush()
             answer = stream.readline().strip()
             print(f"{command:18} -> {answer}")
             return answer
 
-        ask("PolyscopeVersion")
-        ask("get robot model")
-        ask("power on")  # answered at once; the arm takes some seconds
-        ask("brake release")
+        request("PolyscopeVersion")
+        request("get robot model")
+        request("power on")  # answered at once; the arm takes some seconds
+        request("brake release")
         deadline = time.monotonic() + 30
-        while ask("robotmode") != "Robotmode: RUNNING":
+        while request("robotmode") != "Robotmode: RUNNING":
             if time.monotonic() > deadline:
                 sys.exit("the arm is still not running: what does `safetymode` answer?")
             time.sleep(0.5)

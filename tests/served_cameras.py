@@ -23,18 +23,18 @@ POSE = (0.1, 0.2, 0.3, 0.0, 0.0, 1.0)
 
 
 class Served:
-    """The server's answers. time_s: robot time; asked: requested paths; answers: answers other than pictures, by
+    """The server's answers. time_s: robot time; requested: paths; answers: answers other than pictures, by
     path."""
 
     def __init__(self) -> None:
         self.port = 0
         self.cameras = [OVERVIEW, WRIST, BELT]
         self.time_s = 10.0
-        self.asked: list[str] = []
+        self.requested: list[str] = []
         self.answers: dict[str, tuple[int, dict[str, str], bytes]] = {}
 
     def answer(self, path: str) -> tuple[int, dict[str, str], bytes]:
-        self.asked.append(path)
+        self.requested.append(path)
         if path in self.answers:
             return self.answers[path]
         if path == "/cameras":

@@ -136,7 +136,7 @@ class ScriptCommandKind(IntEnum):
     SET_FRICTION_SCALES = 11
     SET_TARGET_PAYLOAD = 12
     ARGUMENT = 100
-    ASK = 101
+    QUERY = 101
     SET_STREAM_PARAMETERS = 102
     SET_FREEDRIVE_AXES = 103
     START_CONTACT_DETECTION = 104
@@ -144,8 +144,8 @@ class ScriptCommandKind(IntEnum):
     SET_FORCE_MODE_PARAMETERS = 106
 
 
-class Question(IntEnum):
-    """A query of `ScriptCommand.ask`: the URScript function whose result the control program returns."""
+class Query(IntEnum):
+    """A query of `ScriptCommand.query`: the URScript function whose result the control program returns."""
 
     FORWARD_KIN = 0
     INVERSE_KIN = 1
@@ -429,14 +429,14 @@ class ScriptCommand:
 
     @classmethod
     def argument(cls, index: int, values: Sequence[float]) -> Self:
-        """Argument 0 to 2 of the next question (6,), with two words per number for the robot's own precision."""
+        """Argument 0 to 2 of the next query (6,), with two words per number for the robot's own precision."""
         words = [word for value in _exactly("an argument", values, 6) for word in _to_two_words(value)]
         return cls(ScriptCommandKind.ARGUMENT, (index, *words))
 
     @classmethod
-    def ask(cls, question: Question, given: int = 0, number: int = 0) -> Self:
-        """A question. given: bits for the arguments that were sent before. number: for questions that take one."""
-        return cls(ScriptCommandKind.ASK, (question, given, number))
+    def query(cls, query: Query, given: int = 0, number: int = 0) -> Self:
+        """A query. given: bits for the arguments that were sent before. number: for queries that take one."""
+        return cls(ScriptCommandKind.QUERY, (query, given, number))
 
     @classmethod
     def set_stream_parameters(
@@ -492,7 +492,7 @@ _FINE: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The program's answer to a `Question`; it has no values if there is no solution.
+    """The program's answer to a `Query`; it has no values if there is no solution.
 
     On the wire, its first word is -1 minus the number of values, each of which has two words.
     """

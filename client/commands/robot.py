@@ -111,7 +111,7 @@ def dashboard_command(
     """Send one dashboard command and print the answer. Exit status 1 if it is unknown, refused or fails."""
     with dashboard.BlockingDashboardClient(robot_ip, dashboard.PORT + port_offset) as robot:
         try:
-            answer, done = robot.ask(checked_command(line)), True
+            answer, done = robot.request(checked_command(line)), True
         except RobotRefused as refusal:
             if not as_json:
                 raise

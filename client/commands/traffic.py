@@ -18,7 +18,7 @@ from client.commands.following import PortOffset, RobotIP
 from client.decoding.codecs import CODECS, Side
 from client.decoding.session import Choice, DecodingSession, InputForm
 from client.decoding.streams import Line
-from client.traffic.ports import ask_identity, choose_ports
+from client.traffic.ports import choose_ports, query_identity
 from client.traffic.proxy import Proxy, Route, driver_routes, robot_routes
 from client.traffic.recording import TrafficRecorder, TrafficRecording
 from client.traffic.replay import ReplayRobot
@@ -208,7 +208,7 @@ def _refuse_loop(routes: list[Route]) -> None:
 
 
 def _recorder(file: Path, robot_ip: str, port_offset: int) -> TrafficRecorder:
-    comments = asyncio.run(ask_identity(robot_ip, port_offset))
+    comments = asyncio.run(query_identity(robot_ip, port_offset))
     return TrafficRecorder(file, comments, problem=_warn)
 
 

@@ -10,7 +10,7 @@ from urproto.external_control import (
     ControlMode,
     FreedriveAction,
     MotionType,
-    Question,
+    Query,
     ReplyDecoder,
     ReverseMessage,
     ScriptCommand,
@@ -39,7 +39,7 @@ _PARAMETERS = {  # number of words that a command uses
     ScriptCommandKind.SET_FRICTION_SCALES: 12,
     ScriptCommandKind.SET_TARGET_PAYLOAD: 11,
     ScriptCommandKind.ARGUMENT: 0,
-    ScriptCommandKind.ASK: 0,
+    ScriptCommandKind.QUERY: 0,
     ScriptCommandKind.SET_STREAM_PARAMETERS: 4,
     ScriptCommandKind.SET_FREEDRIVE_AXES: 12,
     ScriptCommandKind.START_CONTACT_DETECTION: 6,
@@ -166,8 +166,8 @@ def _reply(reply: TrajectoryResult | Answer) -> str:
 
 
 def _command(command: ScriptCommand) -> str:
-    if command.kind is ScriptCommandKind.ASK:
-        return f"ASK {mode_name(Question, command.words[0])}"
+    if command.kind is ScriptCommandKind.QUERY:
+        return f"QUERY {mode_name(Query, command.words[0])}"
     count = _PARAMETERS[command.kind]
     values: list[float] = list(command.values[:count])
     if count and command.kind in _FLAG_FIRST:

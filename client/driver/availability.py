@@ -5,7 +5,7 @@ from typing import Final
 from urproto.errors import RobotRefused
 from urproto.versions import Availability, PolyscopeVersion
 
-# Source: the version checks of Universal_Robots_Client_Library 2.14 and of its control program; for the questions and
+# Source: the version checks of Universal_Robots_Client_Library 2.14 and of its control program; for the queries and
 # the axes of freedrive, those of ur_rtde 1.6.5.
 GATES: Final = {
     "zero_ftsensor": Availability.since(None, "5.0"),

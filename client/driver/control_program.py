@@ -72,33 +72,33 @@ _NO_CONTACT_DETECTION: Final = """def ec_detect_contact(words):
   ec_detecting = False
 end"""
 _QUESTIONS: Final = {
-    "inverse_kin": """  elif question == 1:
+    "inverse_kin": """  elif query == 1:
     if get_inverse_kin_has_solution(ec_pose(ec_first), near, tcp=tcp):
       ec_answer_six(get_inverse_kin(ec_pose(ec_first), near, tcp=tcp))
     else:
       ec_begin_answer(0)
     end
-  elif question == 2:
+  elif query == 2:
     ec_answer_truth(get_inverse_kin_has_solution(ec_pose(ec_first), near, tcp=tcp))""",
-    "contact": """  elif question == 11:
+    "contact": """  elif query == 11:
     ec_answer_truth(ec_touched)
-  elif question == 12:
+  elif query == 12:
     ec_answer_six(get_actual_joint_positions_history(number))
-  elif question == 14:
+  elif query == 14:
     ec_answer(tool_contact(direction=ec_first))""",
-    "target_waypoint": """  elif question == 13:
+    "target_waypoint": """  elif query == 13:
     ec_answer_six(get_target_waypoint())""",
-    "freedrive_axes": """  elif question == 15:
+    "freedrive_axes": """  elif query == 15:
     ec_answer(get_freedrive_status())""",
-    "dynamics": """  elif question == 16:
+    "dynamics": """  elif query == 16:
     ec_answer_matrix(get_jacobian(q, tcp))
-  elif question == 17:
+  elif query == 17:
     ec_answer_matrix(get_jacobian_time_derivative(q, qd, tcp))
-  elif question == 18:
+  elif query == 18:
     ec_answer_matrix(get_mass_matrix(q, number == 1))
-  elif question == 19:
+  elif query == 19:
     ec_answer_six(get_coriolis_and_centrifugal_torques(q, qd))
-  elif question == 20:
+  elif query == 20:
     ec_answer_six(get_target_joint_accelerations())""",
 }
 _INERTIA: Final = "set_target_payload(words[2] / ec_scale, ec_three(words, 3), ec_six(words, 6), words[12] / ec_scale)"

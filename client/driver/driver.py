@@ -28,7 +28,7 @@ from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import (
     ControlMode,
     FreedriveAction,
-    Question,
+    Query,
     ScriptCommand,
     ScriptCommandKind,
     TrajectoryPoint,
@@ -66,7 +66,7 @@ class URDriver:
     - setpoints: `servoj`, `servo_pose`, `speedj`, `speedl`, `torque`, `idle`; `start_freedrive` to `stop_freedrive`
     - trajectories: `execute`; `start_trajectory`, `trajectory_result`, `cancel_trajectory`; `start_stream`, `stream`,
       `end_stream`
-    - commands, possible during any motion: payload, gravity, TCP, force mode, tool contact, friction; `ask`
+    - commands, possible during any motion: payload, gravity, TCP, force mode, tool contact, friction; `query`
     """
 
     config: DriverConfig
@@ -82,7 +82,7 @@ class URDriver:
     trajectory: TrajectoryEndpoint
     """The port for the points of trajectories."""
     commands: ScriptCommandEndpoint
-    """The port for commands and questions."""
+    """The port for commands and queries."""
     keep_alive: KeepAliveThread
     """Keeps the program alive, or ends it if its watchdog is not kicked."""
 
@@ -375,18 +375,18 @@ class URDriver:
         """Wait for the result: SUCCESS once the arm is back where the contact began, CANCELED without a contact."""
         return await self.commands.result(timeout_s)
 
-    async def ask(
-        self, question: Question, *arguments: Sequence[float] | None, number: int = 0, gate: str | None = None
+    async def query(
+        self, query: Query, *arguments: Sequence[float] | None, number: int = 0, gate: str | None = None
     ) -> tuple[float, ...]:
-        """Ask the control program a question, during any motion, and return its answer; empty without a solution.
+        """Query the control program, during any motion, and return its answer; empty without a solution.
 
         arguments: up to three (6,); None lets the robot use its present value. gate: the feature of
-        `client.driver.availability` that the question needs. Raises RobotRefused for a version without it,
+        `client.driver.availability` that the query needs. Raises RobotRefused for a version without it,
         ProgramNotRunningError and NoAnswerError.
         """
         if gate is not None:
             self.robot.require(gate)
-        return await self.commands.ask(question, arguments, number)
+        return await self.commands.query(query, arguments, number)
 
     def set_stream_parameters(
         self,
@@ -513,7 +513,7 @@ class BlockingURDriver(Blocking[URDriver]):
     stream = blocking(URDriver.stream)
     end_stream = blocking(URDriver.end_stream)
 
-    ask = blocking(URDriver.ask)
+    query = blocking(URDriver.query)
     set_stream_parameters = blocking(URDriver.set_stream_parameters)
     set_freedrive_axes = blocking(URDriver.set_freedrive_axes)
     set_force_mode_parameters = blocking(URDriver.set_force_mode_parameters)

@@ -144,7 +144,7 @@ class ProgramSupervisor:
     trajectory: TrajectoryEndpoint
     """Sends the points of trajectories."""
     commands: ScriptCommandEndpoint
-    """Sends commands and questions, during any motion."""
+    """Sends commands and queries, during any motion."""
     keep_alive: KeepAliveThread
     """Keeps the program alive from a dedicated thread."""
     losses: int
@@ -309,14 +309,14 @@ class ProgramSupervisor:
         board = self._robot.dashboard
         assert board is not None
         if self._config.program is not None:
-            await board.ask(dashboard.load(self._config.program))
-        elif await board.ask(dashboard.LOADED_PROGRAM) is None:
+            await board.request(dashboard.load(self._config.program))
+        elif await board.request(dashboard.LOADED_PROGRAM) is None:
             raise RobotRefused(
                 "start of the control program",
                 "no program is loaded on the robot",
                 "load one with an External Control node and play it",
             )
-        await board.ask(dashboard.PLAY)
+        await board.request(dashboard.PLAY)
 
     async def _wait_for_program(self) -> None:
         connected = asyncio.create_task(self.reverse.wait_connected(self._config.start_timeout_s))

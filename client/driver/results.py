@@ -12,7 +12,7 @@ from urproto.errors import RemoteProtocolError
 from urproto.external_control import (
     Answer,
     MessageDecoder,
-    Question,
+    Query,
     ReplyDecoder,
     ScriptCommand,
     TrajectoryPoint,
@@ -30,7 +30,7 @@ _logger = logging.getLogger(__name__)
 class ResultEndpoint(Endpoint):
     """An endpoint on which the robot answers with results."""
 
-    doing = "a request"
+    operation = "a request"
 
     def __init__(self, port: int, host: str = "") -> None:
         super().__init__(port, host)
@@ -43,14 +43,14 @@ class ResultEndpoint(Endpoint):
         Raises NoAnswerError on timeout, and ProgramEndedError if the program ends first.
         """
         if not self.connected and self._results.empty():
-            raise ProgramEndedError(self.port, self.doing)
+            raise ProgramEndedError(self.port, self.operation)
         try:
             async with timeout(timeout_s):
                 result = await self._results.get()
         except TimeoutError:
             raise NoAnswerError(self.peer.address, self.port, timeout_s or 0.0) from None
         if result is None:
-            raise ProgramEndedError(self.port, self.doing)
+            raise ProgramEndedError(self.port, self.operation)
         return result
 
     def clear_results(self) -> None:
@@ -79,7 +79,7 @@ class ResultEndpoint(Endpoint):
 class TrajectoryEndpoint(ResultEndpoint):
     """Sends the points of trajectories; the reverse interface announces where a trajectory starts and ends."""
 
-    doing = "a trajectory"
+    operation = "a trajectory"
 
     def __init__(self, port: int = TRAJECTORY_PORT, host: str = "") -> None:
         super().__init__(port, host)
@@ -93,14 +93,14 @@ class TrajectoryEndpoint(ResultEndpoint):
         peer = self.peer
         for start in range(0, len(messages), _POINTS_AT_ONCE):
             if peer.closed.done():
-                raise ProgramEndedError(self.port, self.doing)
+                raise ProgramEndedError(self.port, self.operation)
             await peer.write_all(b"".join(messages[start : start + _POINTS_AT_ONCE]))
 
 
 class ScriptCommandEndpoint(ResultEndpoint):
-    """Sends commands that are executed during any motion; tool contact and questions are answered."""
+    """Sends commands that are executed during any motion; tool contact and queries are answered."""
 
-    doing = "tool contact"
+    operation = "tool contact"
 
     def __init__(self, port: int = COMMAND_PORT, host: str = "") -> None:
         super().__init__(port, host)
@@ -108,10 +108,10 @@ class ScriptCommandEndpoint(ResultEndpoint):
         self._answers: asyncio.Queue[Answer | None] = asyncio.Queue()
         self._query_lock = asyncio.Lock()
 
-    async def ask(
-        self, question: Question, arguments: Sequence[Sequence[float] | None] = (), number: int = 0
+    async def query(
+        self, query: Query, arguments: Sequence[Sequence[float] | None] = (), number: int = 0
     ) -> tuple[float, ...]:
-        """Ask a question and return the answer; empty without a solution.
+        """Query the control program and return the answer; empty without a solution.
 
         arguments: up to three (6,); None lets the robot use its present value. Raises ProgramEndedError if the program
         ends before it answers, and NoAnswerError if it does not answer, for example because it is paused.
@@ -123,14 +123,14 @@ class ScriptCommandEndpoint(ResultEndpoint):
                 if values is not None:
                     self.send(ScriptCommand.argument(index, values))
             given = sum(1 << index for index, values in enumerate(arguments) if values is not None)
-            self.send(ScriptCommand.ask(question, given, number))
+            self.send(ScriptCommand.query(query, given, number))
             try:
                 async with timeout(_ANSWER_S):
                     answer = await self._answers.get()
             except TimeoutError:
                 raise NoAnswerError(self.peer.address, self.port, _ANSWER_S) from None
         if answer is None:
-            raise ProgramEndedError(self.port, f"the question {question.name}")
+            raise ProgramEndedError(self.port, f"the query {query.name}")
         return answer.values
 
     def data_received(self, data: bytes) -> None:

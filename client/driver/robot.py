@@ -203,7 +203,7 @@ class RobotLink:
         while self.state["timestamp"] < since + _LOCKED_S + _MARGIN_S:
             await self.next_state()
         if self.dashboard is not None:
-            await self.dashboard.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+            await self.dashboard.request(dashboard.UNLOCK_PROTECTIVE_STOP)
         else:
             await self.send_script(_UNLOCK_LINE)
         try:

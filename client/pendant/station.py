@@ -308,7 +308,7 @@ class Station:
             async with DashboardClient(
                 self.robot_ip, self.ports["dashboard"], robot_api_port=self.ports["robot api"]
             ) as board:
-                return readable_in(await board.ask(operation))
+                return readable_in(await board.request(operation))
         except RobotRefused as refused:
             if not (_needs_own_pendant(refused) and self.emulator.available):
                 raise

@@ -111,9 +111,9 @@ class BlockingPrograms(BlockingPart[Programs]):
 class BlockingDashboard(BlockingPart[Dashboard]):
     """Blocking counterpart of `Dashboard`."""
 
-    def ask(self, operation: Operation[Answer]) -> Answer:
+    def request(self, operation: Operation[Answer]) -> Answer:
         """Carry out any operation of `client.dashboard_commands`; use its ``command("...")`` for any other command."""
-        return self.call(self.inner.ask(operation))
+        return self.call(self.inner.request(operation))
 
     power_on = blocking(Dashboard.power_on)
     power_off = blocking(Dashboard.power_off)
@@ -195,7 +195,7 @@ class Robot(Blocking[AsyncRobot]):
     move_until_contact = blocking(AsyncRobot.move_until_contact)
     progress = blocking(AsyncRobot.progress)
 
-    ask = blocking(AsyncRobot.ask)
+    query = blocking(AsyncRobot.query)
     require_program = blocking(AsyncRobot.require_program)
     check_free = blocking(AsyncRobot.check_free)
     restart_program = blocking(AsyncRobot.restart_program)

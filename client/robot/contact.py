@@ -5,7 +5,7 @@ from typing import Final
 
 from client.robot.readiness import Readiness
 from urproto.errors import LocalProtocolError
-from urproto.external_control import Question, to_words
+from urproto.external_control import Query, to_words
 from urproto.vectors import ZERO6
 
 _ANY: Final = ZERO6
@@ -24,7 +24,7 @@ class Contact:
 
     async def steps(self, direction_base: Sequence[float] = _ANY) -> int:
         """Number of control periods since just before the contact, 0 without contact; see `AsyncRobot.history`."""
-        return round((await self._readiness.ask("contact", Question.TOOL_CONTACT, direction_base, gate="contact"))[0])
+        return round((await self._readiness.query("contact", Query.TOOL_CONTACT, direction_base, gate="contact"))[0])
 
     async def start_detection(self, direction_base: Sequence[float] = _ANY) -> None:
         """Let the robot check for contact in every control period, and remember the first one."""
@@ -33,7 +33,7 @@ class Contact:
 
     async def detected(self) -> bool:
         """Whether a contact occurred since `start_detection`."""
-        return bool((await self._readiness.ask("contact", Question.CONTACT_DETECTED, gate="contact"))[0])
+        return bool((await self._readiness.query("contact", Query.CONTACT_DETECTED, gate="contact"))[0])
 
     async def stop_detection(self) -> bool:
         """Stop checking, and return whether a contact occurred."""

@@ -64,47 +64,47 @@ class Diagnosis:
         """True if a program on the robot is paused, or about to be."""
         return bool(self.driver.state["runtime_state"] in (RuntimeState.PAUSING, RuntimeState.PAUSED))
 
-    async def next_state(self, doing: str) -> None:
+    async def next_state(self, operation: str) -> None:
         """Wait for the next state. Raises RobotUnreachableError if the robot sends none."""
         try:
             await self.driver.next_state()
         except ClientError:
-            raise self.unreachable(doing) from None
+            raise self.unreachable(operation) from None
 
-    def check_safety(self, doing: str) -> None:
+    def check_safety(self, operation: str) -> None:
         """Raise SafetyStopError, or ProtectiveStopError, while a stop is in effect."""
         mode = self.driver.robot.safety_mode
         if mode not in MOVABLE:
             kind = ProtectiveStopError if mode is SafetyMode.PROTECTIVE_STOP else SafetyStopError
-            raise kind(doing, mode, self.reported(), _ADVICE.get(mode, "follow the instructions on the pendant"))
+            raise kind(operation, mode, self.reported(), _ADVICE.get(mode, "follow the instructions on the pendant"))
 
-    async def refuse_in_stop(self, doing: str) -> None:
+    async def refuse_in_stop(self, operation: str) -> None:
         """Like `check_safety`, but wait for the cause, which arrives on another connection than the mode."""
         if self.driver.robot.safety_mode not in MOVABLE:
             await self.wait_for_messages(lambda: bool(self.reported()))
-        self.check_safety(doing)
+        self.check_safety(operation)
 
-    def unreachable(self, doing: str) -> RobotUnreachableError:
+    def unreachable(self, operation: str) -> RobotUnreachableError:
         """Return the error for a lost connection, or for a robot that sends nothing."""
         config = self.driver.config
-        reason = f"the connection was lost, or the robot stopped sending, during {doing}"
+        reason = f"the connection was lost, or the robot stopped sending, during {operation}"
         return RobotUnreachableError(config.robot, config.robot_ports["rtde"], reason)
 
-    async def end_error(self, doing: str) -> Exception:
-        """Return the exception that says why ``doing`` ended, as far as the robot reports it."""
+    async def end_error(self, operation: str) -> Exception:
+        """Return the exception that says why ``operation`` ended, as far as the robot reports it."""
         failure = await self._last_failure()
         if self.silent:
-            return self.unreachable(doing)
+            return self.unreachable(operation)
         try:
-            self.check_safety(doing)
+            self.check_safety(operation)
         except SafetyStopError as stop:
             return stop
         if failure is not None and _means_out_of_reach(failure):
-            return OutOfReachError(doing, failure.text)
+            return OutOfReachError(operation, failure.text)
         advice = "make_ready() starts it again"
         if self.driver.loss_reason and not self.driver.keep_alive.stop_reason:
             advice = "the next motion starts it again"
-        return ProgramEndedError(self.driver.reverse.port, doing, self._end_reason(failure), advice)
+        return ProgramEndedError(self.driver.reverse.port, operation, self._end_reason(failure), advice)
 
     async def wait_for_messages(self, received: Callable[[], bool]) -> None:
         """Wait until ``received`` returns True, for as long as messages on another connection may be delayed."""
@@ -124,7 +124,7 @@ class Diagnosis:
             return False
         try:
             board = self.driver.robot.dashboard
-            return board is not None and not await board.ask(dashboard.IS_IN_REMOTE_CONTROL)
+            return board is not None and not await board.request(dashboard.IS_IN_REMOTE_CONTROL)
         except URError:  # a version without remote control, or a dashboard that is gone
             return False
 

@@ -25,7 +25,7 @@ from client.robot.state import MORE_OUTPUTS, OUTPUTS, RobotState
 from client.robot.streaming import Follow, setpoint_stream
 from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.external_control import Question, TrajectoryPoint
+from urproto.external_control import Query, TrajectoryPoint
 from urproto.robots import Joints
 from urproto.robots.pose import Pose, pose_trans
 
@@ -552,47 +552,47 @@ class AsyncRobot:
 
     async def tcp_offset(self) -> Pose:
         """The active TCP as a pose in the flange frame (6,) [m, rotation vector]; PolyScope 3.6 or newer."""
-        return cast(Pose, await self.ask("tcp_offset", Question.TCP_OFFSET, gate="tcp_offset"))
+        return cast(Pose, await self.query("tcp_offset", Query.TCP_OFFSET, gate="tcp_offset"))
 
     async def history(self, steps: int) -> Joints:
         """Joint angles (6,) [rad] as measured ``steps`` control periods ago; PolyScope 5.4 or newer."""
         if steps < 0:
             raise LocalProtocolError(f"history goes back 0 periods or more, not {steps}")
-        return cast(Joints, await self.ask("history", Question.JOINT_POSITIONS_HISTORY, number=steps, gate="contact"))
+        return cast(Joints, await self.query("history", Query.JOINT_POSITIONS_HISTORY, number=steps, gate="contact"))
 
     async def is_steady(self) -> bool:
         """Whether the arm has been at rest for a while, and is in neither force mode nor freedrive."""
-        return bool((await self.ask("is_steady", Question.STEADY))[0])
+        return bool((await self.query("is_steady", Query.STEADY))[0])
 
     async def step_time(self) -> float:
         """The control period [s]."""
-        return (await self.ask("step_time", Question.STEP_TIME))[0]
+        return (await self.query("step_time", Query.STEP_TIME))[0]
 
     async def target_waypoint(self) -> Pose:
         """Target TCP pose (6,) [m, rotation vector] of the move under way; PolyScope 5.3 or newer."""
-        return cast(Pose, await self.ask("target_waypoint", Question.TARGET_WAYPOINT, gate="target_waypoint"))
+        return cast(Pose, await self.query("target_waypoint", Query.TARGET_WAYPOINT, gate="target_waypoint"))
 
     # for custom control programs
 
-    async def require_program(self, doing: str) -> None:
+    async def require_program(self, operation: str) -> None:
         """Make sure that the control program runs, starting it as a motion would; raises why it does not."""
-        await self._readiness.require_program(doing)
+        await self._readiness.require_program(operation)
 
-    async def ask(
+    async def query(
         self,
-        doing: str,
-        question: Question,
+        operation: str,
+        query: Query,
         *arguments: Sequence[float] | None,
         number: int = 0,
         gate: str | None = None,
     ) -> tuple[float, ...]:
-        """Ask the control program a question and return its answer; see `URDriver.ask`."""
-        return await self._readiness.ask(doing, question, *arguments, number=number, gate=gate)
+        """Query the control program and return its answer; see `URDriver.query`."""
+        return await self._readiness.query(operation, query, *arguments, number=number, gate=gate)
 
-    async def check_free(self, doing: str) -> None:
+    async def check_free(self, operation: str) -> None:
         """Raise LocalProtocolError while a motion or context uses the arm, or the unreported failure of a motion."""
-        await self._motion.check_free(doing)
+        await self._motion.check_free(operation)
 
-    async def restart_program(self, doing: str) -> None:
+    async def restart_program(self, operation: str) -> None:
         """Start the control program again, after a program of the caller has run."""
-        await self._readiness.start(doing)
+        await self._readiness.start(operation)

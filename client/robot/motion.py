@@ -25,7 +25,7 @@ _DEFAULTS: Final[Mapping[str, float | None]] = {
 class MotionRunner:
     """Keeps track of what uses the arm, a motion or a context; it knows nothing about what a motion does."""
 
-    doing: str
+    operation: str
     """Name of what uses the arm, or used it last, for error messages."""
     stops: int
     """Number of calls of `stop`; a task that sees it change knows that it has been stopped."""
@@ -36,7 +36,7 @@ class MotionRunner:
         self.readiness = readiness
         self.driver = readiness.driver
         self.diagnosis = readiness.diagnosis
-        self.doing = ""
+        self.operation = ""
         self.stops = 0
         self.rolling = False
         self._motion: asyncio.Task[None] | None = None  # started, and its result not yet reported to a caller
@@ -70,37 +70,37 @@ class MotionRunner:
 
     # starting
 
-    async def ready(self, doing: str, *, rolling: bool = False) -> None:
+    async def ready(self, operation: str, *, rolling: bool = False) -> None:
         """Make sure that the program is running and the arm is free, or raise the error that says why not.
 
         A motion without a waiting caller is replaced. The caller must claim the arm before its next ``await``.
         """
         stops = self.stops
         if not self._has_context:
-            await self._replace(doing, rolling=rolling)
-        await self.check_free(doing)
+            await self._replace(operation, rolling=rolling)
+        await self.check_free(operation)
         self.diagnosis.alarm.clear()
-        await self.readiness.require_program(doing)
+        await self.readiness.require_program(operation)
         if self.stops != stops:  # by another task during the await; the arm may have been claimed then, too
-            raise MotionStoppedError(doing, "stop() was called")
-        self.check_not_busy(doing)
+            raise MotionStoppedError(operation, "stop() was called")
+        self.check_not_busy(operation)
 
-    async def check_free(self, doing: str) -> None:
+    async def check_free(self, operation: str) -> None:
         """Make sure that no motion or context is using the arm.
 
         Raises LocalProtocolError, or the failure of a motion that has not been reported to a caller yet.
         """
-        self.check_not_busy(doing)
+        self.check_not_busy(operation)
         await self.wait_done()
 
-    def check_not_busy(self, doing: str) -> None:
+    def check_not_busy(self, operation: str) -> None:
         """Raise LocalProtocolError while a motion or a context is using the arm."""
         if self.busy:
-            raise LocalProtocolError(f"{doing} has to wait for {self.doing}: wait_done() or stop() first")
+            raise LocalProtocolError(f"{operation} has to wait for {self.operation}: wait_done() or stop() first")
 
-    async def launch(self, doing: str, work: Callable[[], Coroutine[Any, Any, None]], wait: bool) -> None:
+    async def launch(self, operation: str, work: Callable[[], Coroutine[Any, Any, None]], wait: bool) -> None:
         """Start a motion. With ``wait``, wait for its end; cancelling the caller then ends the motion."""
-        self.doing = doing
+        self.operation = operation
         motion = self._motion = asyncio.create_task(self._run(work))
         if not wait:
             return
@@ -113,10 +113,10 @@ class MotionRunner:
             raise
 
     @asynccontextmanager
-    async def exclusive(self, doing: str) -> AsyncIterator[None]:
+    async def exclusive(self, operation: str) -> AsyncIterator[None]:
         """A context that has exclusive use of the arm; leaving it brings the arm to rest."""
-        await self.ready(doing)
-        self.doing, self._has_context = doing, True
+        await self.ready(operation)
+        self.operation, self._has_context = operation, True
         try:
             yield
         except BaseException:
@@ -126,22 +126,22 @@ class MotionRunner:
         finally:
             self._has_context = False
         if not self.driver.program_running or self.diagnosis.alarm.is_set():
-            raise await self.readiness.end_error(doing)
+            raise await self.readiness.end_error(operation)
         await self.come_to_rest()
 
-    async def settle(self, doing: str) -> None:
+    async def settle(self, operation: str) -> None:
         """Wait until a command is in effect, because the next message travels on another connection."""
         for _ in range(_SETTLE_STATES):
-            await self.diagnosis.next_state(doing)
+            await self.diagnosis.next_state(operation)
 
-    async def tune(self, doing: str, **parameters: float | None) -> None:
+    async def tune(self, operation: str, **parameters: float | None) -> None:
         """Set how setpoints are followed; parameters are those of `URDriver.set_stream_parameters`."""
         parameters = {name: value for name, value in ({**_DEFAULTS, **parameters}).items() if value is not None}
         if parameters == self._stream_parameters:
             return
         self.driver.set_stream_parameters(**parameters)  # type: ignore[arg-type] # names of floats
         self._stream_parameters = parameters
-        await self.settle(doing)
+        await self.settle(operation)
 
     # waiting and stopping
 
@@ -150,16 +150,16 @@ class MotionRunner:
 
         Raises WaitTimeoutError if it takes longer than ``timeout_s``; the motion continues.
         """
-        motion, doing = self._motion, self.doing
+        motion, operation = self._motion, self.operation
         if motion is None:
             return
         await asyncio.wait({motion}, timeout=timeout_s)
         if not motion.done():
-            raise WaitTimeoutError(f"{doing} is still under way after {timeout_s} s: wait_done() again, or stop()")
+            raise WaitTimeoutError(f"{operation} is still under way after {timeout_s} s: wait_done() again, or stop()")
         if self._motion is motion:
             self._motion = None
         if motion.cancelled():
-            raise MotionStoppedError(doing, self._replaced.get(motion, "stop() was called"))
+            raise MotionStoppedError(operation, self._replaced.get(motion, "stop() was called"))
         motion.result()
 
     async def wait_for(self, condition: Callable[[RobotState], bool], timeout_s: float | None = None) -> RobotState:
@@ -202,7 +202,7 @@ class MotionRunner:
                 while not self.state.at_rest:
                     await self.diagnosis.next_state("stop")
 
-    async def _replace(self, doing: str, *, rolling: bool) -> None:
+    async def _replace(self, operation: str, *, rolling: bool) -> None:
         """End a motion that no caller waits for, since another motion replaces it.
 
         rolling: one stream of speeds replaces another without a stop in between.
@@ -211,7 +211,7 @@ class MotionRunner:
         if motion is None or motion.done() or motion is self._awaited:
             return
         self._motion, self.rolling = None, rolling
-        self._replaced[motion] = f"{doing} replaced it"
+        self._replaced[motion] = f"{operation} replaced it"
         try:
             await _cancelled(motion)
         finally:
@@ -222,7 +222,7 @@ class MotionRunner:
 
     async def _run(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
         """Run the motion, and raise the cause if it fails, or if the robot stops for safety while the program waits."""
-        doing = self.doing
+        operation = self.operation
         task = asyncio.create_task(work())
         alarm = asyncio.create_task(self.diagnosis.alarm.wait())
         try:
@@ -232,7 +232,7 @@ class MotionRunner:
         finally:
             await _cancelled(task)
             await _cancelled(alarm)
-        raise await self.readiness.end_error(doing)
+        raise await self.readiness.end_error(operation)
 
     def _program_changed(self, connected: bool) -> None:
         if connected:

@@ -12,7 +12,7 @@ from client.robot.motion import MotionRunner
 from client.robot.reach import reach_of
 from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError
-from urproto.external_control import Question, TrajectoryPoint, TrajectoryResult, to_words
+from urproto.external_control import Query, TrajectoryPoint, TrajectoryResult, to_words
 
 _READ_STATES: Final = 20  # guess: messages sent while the arm returned from a contact are read within this
 
@@ -21,12 +21,12 @@ _READ_STATES: Final = 20  # guess: messages sent while the arm returned from a c
 class MotionProgress:
     """Progress of the motion under way.
 
-    doing: its name, empty without one. running: whether it is under way. point: index of the point that the arm is
+    operation: its name, empty without one. running: whether it is under way. point: index of the point that the arm is
     moving to, from 0; points: number of points. Both are 0 for motions without points. With a blend, a point counts
     from where the move to it begins.
     """
 
-    doing: str
+    operation: str
     running: bool
     point: int
     points: int
@@ -43,65 +43,65 @@ class Moves:
 
     async def progress(self) -> MotionProgress:
         """Progress of the motion under way, as the robot reports it."""
-        point, executing = await self._motion.readiness.ask("progress", Question.PROGRESS)
+        point, executing = await self._motion.readiness.query("progress", Query.PROGRESS)
         points = len(self._points) if self._motion.moving else 0
         running = self._motion.moving and (bool(executing) or not points)
         return MotionProgress(
-            self._motion.doing if running else "", running, max(0, round(point) - 1) if points else 0, points
+            self._motion.operation if running else "", running, max(0, round(point) - 1) if points else 0, points
         )
 
-    async def execute(self, doing: str, moves: list[TrajectoryPoint], wait: bool) -> None:
+    async def execute(self, operation: str, moves: list[TrajectoryPoint], wait: bool) -> None:
         """Execute points as one trajectory. Raises OutOfReachError before anything moves."""
         for move in moves:
             move.encode()  # raises if its values cannot be sent
-        await self._motion.ready(doing)
+        await self._motion.ready(operation)
         if reach := reach_of(self._driver.robot, self._motion.state.q_rad):
-            reach.check(doing, moves)
+            reach.check(operation, moves)
         self._points = moves
-        await self._motion.launch(doing, partial(self._follow_points, doing, moves), wait)
+        await self._motion.launch(operation, partial(self._follow_points, operation, moves), wait)
 
-    async def _follow_points(self, doing: str, moves: list[TrajectoryPoint]) -> None:
+    async def _follow_points(self, operation: str, moves: list[TrajectoryPoint]) -> None:
         popups = self._driver.robot.popups
         popups.clear()
         program = self._driver.program
         losses = program.losses
         result = await self._driver.execute(moves)
         if result is TrajectoryResult.FAILURE:
-            raise MotionError(doing, "its points did not reach the robot in time: check the network")
+            raise MotionError(operation, "its points did not reach the robot in time: check the network")
         if result is TrajectoryResult.CANCELED and not popups:
             await self._diagnosis.wait_for_messages(
                 lambda: bool(popups or program.losses > losses or program.keep_alive.stop_reason)
             )
         if result is TrajectoryResult.CANCELED and (program.losses > losses or program.keep_alive.stop_reason):
-            raise await self._motion.readiness.end_error(doing)
+            raise await self._motion.readiness.end_error(operation)
         if result is TrajectoryResult.CANCELED and popups:
-            raise MotionError(doing, popups[-1].text)
+            raise MotionError(operation, popups[-1].text)
         if result is TrajectoryResult.CANCELED:
-            raise MotionStoppedError(doing, "it was cancelled")
+            raise MotionStoppedError(operation, "it was cancelled")
 
     async def come_to_rest(self) -> None:
         """Bring the arm to rest, after a motion whose caller gave up."""
         await self._motion.come_to_rest()
 
     async def send_speeds(
-        self, doing: str, send: Callable[[RobotState], None], duration_s: float, acceleration: float, wait: bool
+        self, operation: str, send: Callable[[RobotState], None], duration_s: float, acceleration: float, wait: bool
     ) -> None:
         """Call ``send`` with every state for ``duration_s``, then come to rest."""
         if not duration_s > 0.0:
-            raise LocalProtocolError(f"the duration of {doing} must be above 0 s, not {duration_s}")
-        await self._motion.ready(doing, rolling=True)
-        await self._motion.tune(doing, acceleration=acceleration)
-        self._motion.check_not_busy(doing)
+            raise LocalProtocolError(f"the duration of {operation} must be above 0 s, not {duration_s}")
+        await self._motion.ready(operation, rolling=True)
+        await self._motion.tune(operation, acceleration=acceleration)
+        self._motion.check_not_busy(operation)
         send(self._motion.state)  # raises here, in the caller, if the values cannot be sent
         self._points = ()
-        await self._motion.launch(doing, partial(self._send_for, doing, send, duration_s), wait)
+        await self._motion.launch(operation, partial(self._send_for, operation, send, duration_s), wait)
 
-    async def _send_for(self, doing: str, send: Callable[[RobotState], None], duration_s: float) -> None:
+    async def _send_for(self, operation: str, send: Callable[[RobotState], None], duration_s: float) -> None:
         end_s = self._motion.state.timestamp_s + duration_s
         try:
             while (state := self._motion.state).timestamp_s < end_s:
                 send(state)
-                await self._diagnosis.next_state(doing)
+                await self._diagnosis.next_state(operation)
         finally:
             if self._driver.program_running and not self._motion.rolling:
                 self._driver.idle()
@@ -116,16 +116,16 @@ class Moves:
         wait: bool,
     ) -> None:
         """Move the TCP until the tool touches something, and return to where the contact began."""
-        doing = "move_until_contact"
+        operation = "move_until_contact"
         self._driver.robot.require("contact")
-        work = partial(self._approach, doing, check_six("a velocity", velocity), direction_base, timeout_s)
-        await self._motion.ready(doing)
-        await self._motion.tune(doing, acceleration=acceleration)
+        work = partial(self._approach, operation, check_six("a velocity", velocity), direction_base, timeout_s)
+        await self._motion.ready(operation)
+        await self._motion.tune(operation, acceleration=acceleration)
         self._points = ()
-        await self._motion.launch(doing, work, wait)
+        await self._motion.launch(operation, work, wait)
 
     async def _approach(
-        self, doing: str, velocity: Sequence[float], direction_base: Sequence[float], timeout_s: float
+        self, operation: str, velocity: Sequence[float], direction_base: Sequence[float], timeout_s: float
     ) -> None:
         self._driver.start_tool_contact(direction_base)
         result = asyncio.create_task(self._driver.tool_contact_result())
@@ -133,9 +133,9 @@ class Moves:
         try:
             while not result.done():
                 if self._motion.state.timestamp_s >= end_s:
-                    raise MotionError(doing, f"the tool touched nothing within {timeout_s:g} s")
+                    raise MotionError(operation, f"the tool touched nothing within {timeout_s:g} s")
                 self._driver.speedl(velocity, MAX_REAL_TIME_S)
-                await self._diagnosis.next_state(doing)
+                await self._diagnosis.next_state(operation)
             result.result()
         finally:
             result.cancel()
@@ -143,7 +143,7 @@ class Moves:
             if self._driver.program_running:
                 self._driver.idle()
                 for _ in range(_READ_STATES):  # while it watches for contact it ignores velocities still on their way
-                    await self._diagnosis.next_state(doing)
+                    await self._diagnosis.next_state(operation)
                 self._driver.end_tool_contact()
         await self._motion.come_to_rest()
 

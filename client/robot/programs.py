@@ -68,113 +68,113 @@ class Dashboard:
     def __init__(self, driver: URDriver) -> None:
         self._driver = driver
 
-    async def ask(self, operation: Operation[Answer]) -> Answer:
+    async def request(self, operation: Operation[Answer]) -> Answer:
         """Carry out any operation of `client.dashboard_commands`; use its ``command("...")`` for any other command."""
         board = self._driver.robot.dashboard
         if board is None:
             raise RobotRefused(operation.line, "this robot has no dashboard", "PolyScope X has an HTTP API instead")
-        return await board.ask(operation)
+        return await board.request(operation)
 
     async def power_on(self) -> None:
         """Switch the arm on; the brakes stay closed."""
-        await self.ask(dashboard.POWER_ON)
+        await self.request(dashboard.POWER_ON)
 
     async def power_off(self) -> None:
         """Switch the arm off."""
-        await self.ask(dashboard.POWER_OFF)
+        await self.request(dashboard.POWER_OFF)
 
     async def brake_release(self) -> None:
         """Release the brakes, after switching the arm on if necessary."""
-        await self.ask(dashboard.BRAKE_RELEASE)
+        await self.request(dashboard.BRAKE_RELEASE)
 
     async def unlock_protective_stop(self) -> None:
         """End a protective stop, 5 s after it occurred; see also ``recover``."""
-        await self.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+        await self.request(dashboard.UNLOCK_PROTECTIVE_STOP)
 
     async def restart_safety(self) -> None:
         """Restart the safety system after a safety fault or violation; the arm is off afterwards."""
-        await self.ask(dashboard.RESTART_SAFETY)
+        await self.request(dashboard.RESTART_SAFETY)
 
     async def close_safety_popup(self) -> None:
         """Close the popup of a safety stop."""
-        await self.ask(dashboard.CLOSE_SAFETY_POPUP)
+        await self.request(dashboard.CLOSE_SAFETY_POPUP)
 
     async def load(self, program: str) -> None:
         """Load a program of the pendant, ``.urp`` or ``.script``."""
-        await self.ask(dashboard.load(program))
+        await self.request(dashboard.load(program))
 
     async def play(self) -> None:
         """Start the loaded program, or resume it if it is paused."""
-        await self.ask(dashboard.PLAY)
+        await self.request(dashboard.PLAY)
 
     async def pause(self) -> None:
         """Pause the running program."""
-        await self.ask(dashboard.PAUSE)
+        await self.request(dashboard.PAUSE)
 
     async def stop(self) -> None:
         """Stop the running program."""
-        await self.ask(dashboard.STOP)
+        await self.request(dashboard.STOP)
 
     async def popup(self, text: str) -> None:
         """Show a popup on the pendant."""
-        await self.ask(dashboard.popup(text))
+        await self.request(dashboard.popup(text))
 
     async def close_popup(self) -> None:
         """Close the popup."""
-        await self.ask(dashboard.CLOSE_POPUP)
+        await self.request(dashboard.CLOSE_POPUP)
 
     async def add_to_log(self, text: str) -> None:
         """Write a line to the robot's log."""
-        await self.ask(dashboard.add_to_log(text))
+        await self.request(dashboard.add_to_log(text))
 
     async def shutdown(self) -> None:
         """Switch the robot and its controller off."""
-        await self.ask(dashboard.SHUTDOWN)
+        await self.request(dashboard.SHUTDOWN)
 
     async def set_user_role(self, role: UserRole) -> None:
         """Set the user role, which restricts the use of the pendant; CB3."""
-        await self.ask(dashboard.set_user_role(role))
+        await self.request(dashboard.set_user_role(role))
 
     async def robot_mode(self) -> RobotMode:
         """Robot mode, as the dashboard reports it."""
-        return await self.ask(dashboard.ROBOT_MODE)
+        return await self.request(dashboard.ROBOT_MODE)
 
     async def safety_mode(self) -> SafetyMode:
         """Safety mode, as the dashboard reports it."""
-        return await self.ask(dashboard.SAFETY_MODE)
+        return await self.request(dashboard.SAFETY_MODE)
 
     async def safety_status(self) -> SafetyStatus:
         """Safety status, more detailed than the safety mode; PolyScope 3.11 and 5.4 or newer."""
-        return await self.ask(dashboard.SAFETY_STATUS)
+        return await self.request(dashboard.SAFETY_STATUS)
 
     async def running(self) -> bool:
         """Whether a program is running."""
-        return await self.ask(dashboard.IS_RUNNING)
+        return await self.request(dashboard.IS_RUNNING)
 
     async def program_state(self) -> tuple[ProgramState, str | None]:
         """State of the loaded program, and its name."""
-        return await self.ask(dashboard.PROGRAM_STATE)
+        return await self.request(dashboard.PROGRAM_STATE)
 
     async def loaded_program(self) -> str | None:
         """Path of the loaded program; None without one."""
-        return await self.ask(dashboard.LOADED_PROGRAM)
+        return await self.request(dashboard.LOADED_PROGRAM)
 
     async def is_program_saved(self) -> tuple[bool, str | None]:
         """Whether the loaded program has no unsaved changes, and its name."""
-        return await self.ask(dashboard.IS_PROGRAM_SAVED)
+        return await self.request(dashboard.IS_PROGRAM_SAVED)
 
     async def is_in_remote_control(self) -> bool:
         """Whether the robot is in remote control, and so accepts scripts; e-Series."""
-        return await self.ask(dashboard.IS_IN_REMOTE_CONTROL)
+        return await self.request(dashboard.IS_IN_REMOTE_CONTROL)
 
     async def polyscope_version(self) -> PolyscopeVersion:
         """Version of the robot's software."""
-        return await self.ask(dashboard.POLYSCOPE_VERSION)
+        return await self.request(dashboard.POLYSCOPE_VERSION)
 
     async def robot_model(self) -> str:
         """Model of the arm: UR3, UR5, ...; PolyScope 3.12 and 5.6 or newer."""
-        return await self.ask(dashboard.ROBOT_MODEL)
+        return await self.request(dashboard.ROBOT_MODEL)
 
     async def serial_number(self) -> str:
         """Serial number of the robot; PolyScope 3.12 and 5.6 or newer."""
-        return await self.ask(dashboard.SERIAL_NUMBER)
+        return await self.request(dashboard.SERIAL_NUMBER)

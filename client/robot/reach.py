@@ -45,13 +45,13 @@ class Reach:
         self._limits = ((*arm.q_min[:5], -math.inf), (*arm.q_max[:5], math.inf))
         self._kinematics = geometry_of(arm, calibration)
 
-    def check(self, doing: str, points: Sequence[TrajectoryPoint]) -> None:
+    def check(self, operation: str, points: Sequence[TrajectoryPoint]) -> None:
         """Raise OutOfReachError for the first point that the arm cannot reach."""
         for number, point in enumerate(points):
             problem = self._find_problem(point)
             if problem is not None:
                 which = f"point {number} " if len(points) > 1 else "the target "
-                raise OutOfReachError(doing, which + problem, number)
+                raise OutOfReachError(operation, which + problem, number)
 
     def _find_problem(self, point: TrajectoryPoint) -> str | None:
         if point.type in _JOINTS:

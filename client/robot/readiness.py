@@ -9,7 +9,7 @@ from client.errors import NoAnswerError, OutOfReachError, ProgramEndedError, Pro
 from client.robot.diagnosis import Diagnosis
 from urproto.compat_asyncio import timeout
 from urproto.errors import RobotRefused
-from urproto.external_control import Question
+from urproto.external_control import Query
 from urproto.modes import RobotMode
 
 PROGRAM_GONE: Final = (ProgramEndedError, ProgramNotRunningError)
@@ -45,59 +45,59 @@ class Readiness:
         await self._start_program("recover", self.driver.recover())
         self._reported_running = True
 
-    async def require_program(self, doing: str) -> None:
+    async def require_program(self, operation: str) -> None:
         """Make sure that the control program is running and accepts commands; see `AsyncRobot.need_program`."""
         if self.diagnosis.silent:
-            raise self.diagnosis.unreachable(doing)
-        await self.diagnosis.refuse_in_stop(doing)
+            raise self.diagnosis.unreachable(operation)
+        await self.diagnosis.refuse_in_stop(operation)
         if self.driver.program_running and self.diagnosis.paused:
-            raise RobotRefused(doing, "its program is paused", "resume it on the robot, or call make_ready()")
+            raise RobotRefused(operation, "its program is paused", "resume it on the robot, or call make_ready()")
         if self.driver.program_running:
             self._reported_running = True
             return
         if self.driver.robot.robot_mode is not RobotMode.RUNNING:
             mode = self.driver.robot.robot_mode.name
-            raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases its brakes")
+            raise RobotRefused(operation, f"its mode is {mode}", "make_ready() powers it on and releases its brakes")
         if self._reported_running and (not self.driver.loss_reason or self.driver.keep_alive.stop_reason):
-            raise await self.end_error(doing)
-        await self.start(doing)
+            raise await self.end_error(operation)
+        await self.start(operation)
 
-    async def start(self, doing: str) -> None:
+    async def start(self, operation: str) -> None:
         """Start the control program. Raises RobotRefused for a robot in local control."""
         link = self.driver.robot
         link.reports.clear()
         link.popups.clear()
-        await self._start_program(doing, self.driver.start_program())
+        await self._start_program(operation, self.driver.start_program())
         self._reported_running = True
 
-    async def ask(
+    async def query(
         self,
-        doing: str,
-        question: Question,
+        operation: str,
+        query: Query,
         *arguments: Sequence[float] | None,
         number: int = 0,
         gate: str | None = None,
     ) -> tuple[float, ...]:
-        """Ask the control program a question and return its answer; see `URDriver.ask`."""
-        await self.require_program(doing)
+        """Query the control program and return its answer; see `URDriver.query`."""
+        await self.require_program(operation)
         try:
-            return await self.driver.ask(question, *arguments, number=number, gate=gate)
+            return await self.driver.query(query, *arguments, number=number, gate=gate)
         except PROGRAM_GONE:
-            raise await self.end_error(doing) from None
+            raise await self.end_error(operation) from None
         except NoAnswerError:
-            await self.diagnosis.refuse_in_stop(doing)
+            await self.diagnosis.refuse_in_stop(operation)
             raise
 
-    async def end_error(self, doing: str) -> Exception:
-        """Return the exception that says why ``doing`` ended, as far as the robot reports it."""
-        error = await self.diagnosis.end_error(doing)
+    async def end_error(self, operation: str) -> Exception:
+        """Return the exception that says why ``operation`` ended, as far as the robot reports it."""
+        error = await self.diagnosis.end_error(operation)
         if isinstance(error, OutOfReachError):  # the target ended the program, so this was not on purpose
             self._reported_running = False  # so the next motion may restart it
         return error
 
     async def _release_brakes(self) -> None:
         if (board := self.driver.robot.dashboard) is not None:
-            await board.ask(dashboard.BRAKE_RELEASE)
+            await board.request(dashboard.BRAKE_RELEASE)
         else:
             await self.driver.robot.send_script(_RUN_LINE)
         try:
@@ -110,7 +110,7 @@ class Readiness:
             advice = f"check the pendant; e-Series: {_REMOTE}"
             raise RobotRefused("brake release", f"after {_POWER_UP_S:g} s its mode is {mode}", advice) from None
 
-    async def _start_program(self, doing: str, starting: Coroutine[Any, Any, None]) -> None:
+    async def _start_program(self, operation: str, starting: Coroutine[Any, Any, None]) -> None:
         """Await the start of the program, and find the cause if it fails."""
         try:
             await starting
@@ -118,6 +118,6 @@ class Readiness:
             if await self.diagnosis.in_local_control():
                 why, advice = LOCAL_CONTROL
                 raise RobotRefused(
-                    doing, why, f"{advice}; if this is a simulator, which accepts scripts anyway: {error.hint}"
+                    operation, why, f"{advice}; if this is a simulator, which accepts scripts anyway: {error.hint}"
                 ) from None
             raise

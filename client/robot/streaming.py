@@ -21,12 +21,12 @@ _LATE_SHARE: Final = 0.01  # guess: share of control periods without a setpoint 
 class Follow:
     """Sends one setpoint (6,) per call, waits for the next new state, and returns it."""
 
-    def __init__(self, motion: MotionRunner, doing: str, send: Callable[[Sequence[float]], None]) -> None:
+    def __init__(self, motion: MotionRunner, operation: str, send: Callable[[Sequence[float]], None]) -> None:
         self._motion = motion
         self._link = motion.driver.robot
         self._feed = motion.driver.robot.feed
         self._silence_s = motion.driver.config.silence_s
-        self._doing = doing
+        self._operation = operation
         self._send = send
         self._stops = motion.stops
         self._seen = self._feed.count
@@ -34,37 +34,37 @@ class Follow:
     async def __call__(self, setpoint: Sequence[float]) -> RobotState:
         """Send a setpoint from the event loop."""
         if not self._send_setpoint(setpoint):
-            raise await self._motion.readiness.end_error(self._doing)
+            raise await self._motion.readiness.end_error(self._operation)
         if self._feed.count > self._seen:
             await asyncio.sleep(0)
         else:
-            await self._motion.diagnosis.next_state(self._doing)
+            await self._motion.diagnosis.next_state(self._operation)
         self._seen = self._feed.count
         return RobotState.of(self._feed.state)
 
     def from_thread(self, call: Callable[[Coroutine[Any, Any, Any]], Any], setpoint: Sequence[float]) -> RobotState:
         """Send a setpoint from a thread, bypassing the event loop; ``call`` runs a coroutine in the loop and waits."""
         if not self._send_setpoint(setpoint):
-            raise call(self._motion.readiness.end_error(self._doing))
+            raise call(self._motion.readiness.end_error(self._operation))
         try:
             self._feed.wait(self._seen, self._silence_s)
         except ClientError:
-            raise self._motion.diagnosis.unreachable(self._doing) from None
+            raise self._motion.diagnosis.unreachable(self._operation) from None
         self._seen = self._feed.count
         return RobotState.of(self._feed.state)
 
     def _send_setpoint(self, setpoint: Sequence[float]) -> bool:
         """Send a setpoint; False if the stream has ended for a cause that the caller has to find out."""
         if self._motion.stops != self._stops:
-            raise MotionStoppedError(self._doing, "stop() was called")
+            raise MotionStoppedError(self._operation, "stop() was called")
         if popups := self._link.popups:
-            raise MotionError(self._doing, popups[-1].text)
+            raise MotionError(self._operation, popups[-1].text)
         if self._link.safety_mode not in MOVABLE:
             return False
         try:
             self._send(setpoint)
         except LateSetpointError as late:
-            raise LateSetpointError(self._doing, late.late) from None
+            raise LateSetpointError(self._operation, late.late) from None
         except PROGRAM_GONE:
             return False
         return True
@@ -73,17 +73,17 @@ class Follow:
 @asynccontextmanager
 async def setpoint_stream(
     motion: MotionRunner,
-    doing: str,
+    operation: str,
     send: Callable[[Sequence[float]], None],
     tuning: Mapping[str, float | None] = _UNCHANGED,
 ) -> AsyncIterator[Follow]:
     """Reserve the arm for setpoints sent through ``send``; logs statistics of the stream at its end."""
-    async with motion.exclusive(doing):
-        await motion.tune(doing, **tuning)
+    async with motion.exclusive(operation):
+        await motion.tune(operation, **tuning)
         motion.driver.robot.popups.clear()
-        yield Follow(motion, doing, send)
+        yield Follow(motion, operation, send)
         if why := motion.driver.reverse.pop_late_reason():
-            raise LateSetpointError(doing, why)
+            raise LateSetpointError(operation, why)
         stream = motion.driver.reverse.stream
         level = logging.WARNING if stream.skipped > _LATE_SHARE * stream.sent else logging.INFO
-        _logger.log(level, "%s: %s", doing, stream)
+        _logger.log(level, "%s: %s", operation, stream)

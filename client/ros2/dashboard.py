@@ -270,7 +270,7 @@ class DashboardNode:
         """The robot's line and its meaning, once the effect shows."""
         operation = service.operation(request)
         both = replace(operation, read=lambda reply: (reply, operation.read(reply)))
-        line, answer = self._ask(both)
+        line, answer = self._request(both)
         if service.effect is not None:
             self._await_effect(service.effect, both, request)
         if service.parts:
@@ -280,7 +280,7 @@ class DashboardNode:
 
     def _await_effect(self, effect: Effect, command: Operation[Any], request: Any) -> None:
         since = sent = time.monotonic()
-        while not effect.seen(found := self._ask(effect.query), request):
+        while not effect.seen(found := self._request(effect.query), request):
             now = time.monotonic()
             if now - since > effect.within_s:
                 shown = ", ".join(getattr(part, "name", str(part)) for part in _parts(found))
@@ -288,10 +288,10 @@ class DashboardNode:
                 raise RobotRefused(command.line, why, "check the robot's log")
             if now - sent > effect.again_s:
                 sent = now
-                self._ask(command)
+                self._request(command)
             self._ended.wait(_POLL_S)
 
-    def _ask(self, operation: Operation[Any]) -> Any:
+    def _request(self, operation: Operation[Any]) -> Any:
         if not self._connected():
             if not self._autoconnect:
                 raise ClientError(f"{self._server_name} is not connected: call ~/connect first")
@@ -300,7 +300,7 @@ class DashboardNode:
         limit_s = self.node.get_parameter("receive_timeout").value
         limit_s = limit_s if limit_s > 0.0 else math.inf
         try:
-            return self._client.ask(operation, operation.timeout_s or limit_s)
+            return self._client.request(operation, operation.timeout_s or limit_s)
         except (ConnectionLostError, RemoteProtocolError):
             self._disconnect()
             raise

@@ -205,7 +205,7 @@ def _handler(
     transforms: Transforms,
     row: ControllerService,
 ) -> Callable[[Any, Any], Any]:
-    async def ask(request: Any) -> None:
+    async def execute(request: Any) -> None:
         frames = (row.stamped(request).header.frame_id,) if row.stamped else ()
         poses = await transforms.poses_in_base(frames, controller.error)
         call = row.begin(controller, request, ServiceContext(loop.driver.version, poses))
@@ -218,7 +218,7 @@ def _handler(
 
     def handle(request: Any, response: Any) -> Any:
         try:
-            host.wait(ask(request))
+            host.wait(execute(request))
         except URError as error:
             node.get_logger().error(f"{row.name}: {error}")
             response.success = False

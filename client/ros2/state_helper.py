@@ -171,7 +171,7 @@ class StateHelperNode:
     async def _send_dashboard(self, operation: "dashboard.Operation[None]") -> None:
         ports = self._driver.config.robot_ports
         async with DashboardClient(self._address, ports["dashboard"], robot_api_port=ports.get("robot api")) as board:
-            await board.ask(operation)
+            await board.request(operation)
 
     async def _wait_until(self, reached: Callable[[], bool], state_text: str) -> None:
         until_s = self._host.loop.time() + _EFFECT_S

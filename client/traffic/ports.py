@@ -14,20 +14,20 @@ _TIMEOUT_S = 2.0
 _UNKNOWN = "unknown"
 
 
-async def ask_identity(host: str, port_offset: int = 0) -> list[str]:
+async def query_identity(host: str, port_offset: int = 0) -> list[str]:
     """Ask the dashboard for model and version. This changes nothing on the robot and leaves out its serial number."""
     try:
         async with DashboardClient(host, PORT + port_offset, _TIMEOUT_S) as dashboard:
-            version = await _ask(dashboard, POLYSCOPE_VERSION)
-            model = await _ask(dashboard, ROBOT_MODEL)
+            version = await _request(dashboard, POLYSCOPE_VERSION)
+            model = await _request(dashboard, ROBOT_MODEL)
     except URError:
         version = model = _UNKNOWN
     return [f"robot: {model}", f"PolyScope: {version}"]
 
 
-async def _ask(dashboard: DashboardClient, operation: Operation[Any]) -> str:
+async def _request(dashboard: DashboardClient, operation: Operation[Any]) -> str:
     try:
-        return str(await dashboard.ask(operation))
+        return str(await dashboard.request(operation))
     except RobotRefused:
         return _UNKNOWN
 

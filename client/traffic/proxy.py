@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Final
 
 from client.errors import RobotUnreachableError
-from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS, ask_identity
+from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS, query_identity
 from client.traffic.recording import FLUSH_S, TrafficRecorder
 from client.traffic.relay import DIAL_S, Relay, reason_of
 from urproto.compat import Self
@@ -227,7 +227,7 @@ async def record(
     report: Callable[[str], None] = _logger.info,
 ) -> AsyncIterator[Proxy]:
     """A proxy of all ports of a robot that records to ``path``. Raises FileError, RobotUnreachableError."""
-    comments = await ask_identity(robot, port_offset)
+    comments = await query_identity(robot, port_offset)
     recorder = TrafficRecorder(path, comments, problem=report)
     try:
         async with Proxy(robot_routes(robot, listen, port_offset=port_offset), recorder, report) as proxy:

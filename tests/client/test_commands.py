@@ -176,8 +176,8 @@ def test_completion(shell: str) -> None:
 @cache
 def completion_source(shell: str, program: str) -> str:
     """As --show-completion prints it in that shell."""
-    asked = os.environ | {completion_variable(program): f"source_{shell}"}
-    return subprocess.run([SCRIPTS / program], env=asked, capture_output=True, text=True, check=True).stdout
+    environment = os.environ | {completion_variable(program): f"source_{shell}"}
+    return subprocess.run([SCRIPTS / program], env=environment, capture_output=True, text=True, check=True).stdout
 
 
 def completion_variable(program: str) -> str:
@@ -191,8 +191,8 @@ def completed(shell: str, words: list[str]) -> str:
     function = f"_{program.replace('-', '_')}_completion"
     if shell == "bash":
         listed = " ".join(words)
-        asked = f"COMP_WORDS=({listed}); COMP_CWORD={len(words) - 1}; {function} {program}"
-        code = f'{source}\n{asked}; echo "${{COMPREPLY[@]}}"'
+        completion = f"COMP_WORDS=({listed}); COMP_CWORD={len(words) - 1}; {function} {program}"
+        code = f'{source}\n{completion}; echo "${{COMPREPLY[@]}}"'
     elif shell == "fish":
         code = f"{source}\ncomplete --do-complete '{' '.join(words)}'"
     else:  # its completion needs a terminal: what the function asks for is asked for

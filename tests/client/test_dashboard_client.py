@@ -104,22 +104,22 @@ ASKED = [
 
 def test_blocking_operations(serve):
     with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
-        assert [robot.ask(operation) for operation, _ in ASKED] == [expected for _, expected in ASKED]
+        assert [robot.request(operation) for operation, _ in ASKED] == [expected for _, expected in ASKED]
 
 
 async def test_async_operations(serve):
     async with DashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
-        assert [await robot.ask(operation) for operation, _ in ASKED] == [expected for _, expected in ASKED]
+        assert [await robot.request(operation) for operation, _ in ASKED] == [expected for _, expected in ASKED]
 
 
 def test_a_refusal_tells_request_and_answer(serve):
     with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
         with pytest.raises(RobotRefused, match="Failed to execute: play") as refused:
-            robot.ask(dashboard.PLAY)
+            robot.request(dashboard.PLAY)
         assert refused.value.request == "play"
         with pytest.raises(RobotRefused):
-            robot.ask(dashboard.PAUSE)
-        assert robot.ask(dashboard.ROBOT_MODE) is RobotMode.IDLE
+            robot.request(dashboard.PAUSE)
+        assert robot.request(dashboard.ROBOT_MODE) is RobotMode.IDLE
 
 
 REFUSED = [
@@ -136,9 +136,9 @@ REFUSED = [
 def test_a_refusal_says_what_to_do(serve, operation, advice):
     with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
         with pytest.raises(RobotRefused, match=advice) as refused:
-            robot.ask(operation)
+            robot.request(operation)
         assert advice in refused.value.advice
-        assert robot.ask(dashboard.ROBOT_MODE) is RobotMode.IDLE
+        assert robot.request(dashboard.ROBOT_MODE) is RobotMode.IDLE
 
 
 def sent(asking, waiting=b""):
@@ -151,12 +151,12 @@ def sent(asking, waiting=b""):
 
 def test_what_the_version_lacks_is_not_sent():
     core = DashboardCore()
-    asking = core.ask(dashboard.SERIAL_NUMBER)
+    asking = core.request(dashboard.SERIAL_NUMBER)
     assert sent(asking) == b"PolyscopeVersion\n"
     assert asking.send(b"") is None
     with pytest.raises(RobotRefused, match=r"3\.11\.0\.0 does not know it - it exists on CB3 since 3\.12"):
         asking.send(b"URSoftware 3.11.0.0 (Feb 1 2020)\n")
-    again = core.ask(dashboard.SERIAL_NUMBER)  # the version is known now
+    again = core.request(dashboard.SERIAL_NUMBER)  # the version is known now
     with pytest.raises(RobotRefused):
         next(again)
 
@@ -196,8 +196,8 @@ BUILDERS = [
 
 
 def test_every_command_can_be_asked():
-    asked = [*(value for value in vars(dashboard_commands).values() if isinstance(value, Operation)), *BUILDERS]
-    rows = {_words(operation.line): operation.available for operation in asked}
+    operations = [*(value for value in vars(dashboard_commands).values() if isinstance(value, Operation)), *BUILDERS]
+    rows = {_words(operation.line): operation.available for operation in operations}
     assert rows == {words: row.available for words, row in COMMANDS.items()}
 
 
@@ -216,16 +216,16 @@ def test_what_every_controller_has_is_asked_without_its_version():
 def test_silence_and_hanging_up(serve):
     with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
         with pytest.raises(NoAnswerError, match=r"0\.05 s"):
-            robot.ask(dashboard.command("be silent"), timeout_s=0.05)
+            robot.request(dashboard.command("be silent"), timeout_s=0.05)
         with pytest.raises(ConnectionLostError):
-            robot.ask(dashboard.command("hang up"))
+            robot.request(dashboard.command("hang up"))
 
 
 def test_a_connection_that_was_ended_shows_without_asking(serve):
     with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
         robot.check()
         with pytest.raises(NoAnswerError):
-            robot.ask(dashboard.command("be silent"), timeout_s=0.01)
+            robot.request(dashboard.command("be silent"), timeout_s=0.01)
         robot.check()
         robot.shut_down()
         with pytest.raises(ConnectionLostError):
@@ -240,18 +240,18 @@ def test_a_role_or_mode_in_words_is_sent_as_it_is():
 async def test_async_silence_and_hanging_up(serve):
     async with DashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
         with pytest.raises(NoAnswerError):
-            await robot.ask(dashboard.command("be silent"), timeout_s=0.05)
+            await robot.request(dashboard.command("be silent"), timeout_s=0.05)
         with pytest.raises(ConnectionLostError):
-            await robot.ask(dashboard.command("hang up"))
+            await robot.request(dashboard.command("hang up"))
 
 
 def test_a_late_answer_is_not_taken_for_the_next_one():
     core = DashboardCore()
-    first = core.ask(dashboard.STOP)
+    first = core.request(dashboard.STOP)
     assert sent(first) == b"stop\n"
     assert first.send(b"") is None
     first.close()  # timed out
-    second = core.ask(dashboard.ROBOT_MODE)
+    second = core.request(dashboard.ROBOT_MODE)
     assert sent(second) == b"robotmode\n"
     assert second.send(b"") is None
     assert second.send(b"Stopped\nRobotmode: ") is None
@@ -262,11 +262,11 @@ def test_a_late_answer_is_not_taken_for_the_next_one():
 
 def test_lines_nobody_has_asked_for_are_no_answers():
     core = DashboardCore()
-    first = core.ask(dashboard.STOP)
+    first = core.request(dashboard.STOP)
     assert sent(first) == b"stop\n"
     first.send(b"")
     first.close()  # timed out
-    second = core.ask(dashboard.ROBOT_MODE)
+    second = core.request(dashboard.ROBOT_MODE)
     assert sent(second, b"Stopped\nand more\n") == b"robotmode\n"
     assert second.send(b"") is None
     with pytest.raises(StopIteration) as end:
@@ -304,9 +304,9 @@ async def test_nobody_listens_async():
 
 def test_asking_without_a_connection():
     with pytest.raises(ConnectionLostError):
-        BlockingDashboardClient("127.0.0.1").ask(dashboard.STOP)
+        BlockingDashboardClient("127.0.0.1").request(dashboard.STOP)
 
 
 def test_a_command_is_one_line():
     with pytest.raises(LocalProtocolError):
-        next(DashboardCore().ask(Operation("play\nstop", str)))
+        next(DashboardCore().request(Operation("play\nstop", str)))

@@ -128,7 +128,7 @@ def board(robot: HostileRobot, folder: Path) -> None:
     with BlockingDashboardClient(robot.host) as client:
         for question in QUESTIONS:
             with suppress(RobotRefused):
-                client.ask(question)
+                client.request(question)
 
 
 def board_async(robot: HostileRobot, folder: Path) -> None:
@@ -136,7 +136,7 @@ def board_async(robot: HostileRobot, folder: Path) -> None:
         async with DashboardClient(robot.host) as client:
             for question in QUESTIONS:
                 with suppress(RobotRefused):
-                    await client.ask(question)
+                    await client.request(question)
 
     asyncio.run(use())
 

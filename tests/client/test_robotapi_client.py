@@ -49,28 +49,28 @@ def no_port() -> int:
 async def test_every_request(robot: Emulator) -> None:
     async with RobotAPIClient(HOST, robot.ports["robot api"]) as api:
         assert api.core.version == (3, 1, 4)
-        await api.ask(robotapi.POWER_ON)
-        assert await api.ask(robotapi.ROBOT_MODE) is RobotMode.IDLE
-        await api.ask(robotapi.BRAKE_RELEASE)
-        assert await api.ask(robotapi.SAFETY_MODE) is SafetyMode.NORMAL
-        assert await api.ask(robotapi.IS_IN_REMOTE_CONTROL)
-        assert (await api.ask(robotapi.OPERATIONAL_MODE)).name == "AUTOMATIC"
+        await api.request(robotapi.POWER_ON)
+        assert await api.request(robotapi.ROBOT_MODE) is RobotMode.IDLE
+        await api.request(robotapi.BRAKE_RELEASE)
+        assert await api.request(robotapi.SAFETY_MODE) is SafetyMode.NORMAL
+        assert await api.request(robotapi.IS_IN_REMOTE_CONTROL)
+        assert (await api.request(robotapi.OPERATIONAL_MODE)).name == "AUTOMATIC"
         file = empty_urpx("a job")
-        assert await api.ask(robotapi.upload(file)) == "a job"
-        assert await api.ask(robotapi.upload(file, replace=True)) == "a job"
-        assert await api.ask(robotapi.download("a job")) == file
-        assert [each.name for each in await api.ask(robotapi.PROGRAMS)] == ["Default program", "a job"]
-        await api.ask(robotapi.load("a job"))
-        assert await api.ask(robotapi.LOADED_PROGRAM) == "a job"
-        await api.ask(robotapi.PLAY)
-        await api.ask(robotapi.STOP)
-        assert await api.ask(robotapi.PROGRAM_STATE) is ProgramState.STOPPED
+        assert await api.request(robotapi.upload(file)) == "a job"
+        assert await api.request(robotapi.upload(file, replace=True)) == "a job"
+        assert await api.request(robotapi.download("a job")) == file
+        assert [each.name for each in await api.request(robotapi.PROGRAMS)] == ["Default program", "a job"]
+        await api.request(robotapi.load("a job"))
+        assert await api.request(robotapi.LOADED_PROGRAM) == "a job"
+        await api.request(robotapi.PLAY)
+        await api.request(robotapi.STOP)
+        assert await api.request(robotapi.PROGRAM_STATE) is ProgramState.STOPPED
         with pytest.raises(RobotRefused, match="the program 'a job' exists already"):
-            await api.ask(robotapi.upload(file))
+            await api.request(robotapi.upload(file))
         with pytest.raises(RobotRefused, match="not a PolyScope X program"):
-            await api.ask(robotapi.upload(b"?"))
+            await api.request(robotapi.upload(b"?"))
         with pytest.raises(RobotRefused, match="no paused program"):
-            await api.ask(robotapi.RESUME)
+            await api.request(robotapi.RESUME)
 
 
 async def test_an_older_api_is_asked_as_it_wants_it(tmp_path: Path) -> None:
@@ -79,10 +79,10 @@ async def test_an_older_api_is_asked_as_it_wants_it(tmp_path: Path) -> None:
         emulated("10.11", tmp_path) as robot,
         RobotAPIClient(HOST, robot.ports["robot api"]) as api,
     ):
-        await api.ask(robotapi.load("job"))
+        await api.request(robotapi.load("job"))
         assert robot.controller.programs.loaded.name == "job"  # type: ignore[union-attr]
         with pytest.raises(RobotRefused, match=r"Robot API 3\.0\.0 does not have it - it needs 3\.1\.4"):
-            await api.ask(robotapi.ROBOT_MODE)
+            await api.request(robotapi.ROBOT_MODE)
 
 
 async def test_local_control(tmp_path: Path) -> None:
@@ -91,22 +91,22 @@ async def test_local_control(tmp_path: Path) -> None:
         RobotAPIClient(HOST, robot.ports["robot api"]) as api,
     ):
         with pytest.raises(RobotRefused, match=r"local control: .* - switch the robot to Remote Control"):
-            await api.ask(robotapi.POWER_ON)
+            await api.request(robotapi.POWER_ON)
 
 
 async def test_the_dashboards_verbs_on_polyscope_x(robot: Emulator) -> None:
     async with DashboardClient(HOST, no_port(), robot_api_port=robot.ports["robot api"]) as board:
-        assert await board.ask(dashboard.IS_RUNNING) is False
-        await board.ask(dashboard.BRAKE_RELEASE)
-        assert await board.ask(dashboard.ROBOT_MODE) is RobotMode.RUNNING
-        assert await board.ask(dashboard.load("/programs/Default program.urpx")) == "Default program"
-        assert await board.ask(dashboard.PROGRAM_STATE) == (ProgramState.STOPPED, "Default program")
-        await board.ask(dashboard.PLAY)
-        await board.ask(dashboard.STOP)
-        assert await board.ask(dashboard.IS_IN_REMOTE_CONTROL)
+        assert await board.request(dashboard.IS_RUNNING) is False
+        await board.request(dashboard.BRAKE_RELEASE)
+        assert await board.request(dashboard.ROBOT_MODE) is RobotMode.RUNNING
+        assert await board.request(dashboard.load("/programs/Default program.urpx")) == "Default program"
+        assert await board.request(dashboard.PROGRAM_STATE) == (ProgramState.STOPPED, "Default program")
+        await board.request(dashboard.PLAY)
+        await board.request(dashboard.STOP)
+        assert await board.request(dashboard.IS_IN_REMOTE_CONTROL)
         for lacking in (dashboard.CLOSE_POPUP, dashboard.SERIAL_NUMBER, dashboard.SAFETY_STATUS):
             with pytest.raises(RobotRefused, match="Robot API of PolyScope X does not have it"):
-                await board.ask(lacking)
+                await board.request(lacking)
 
 
 async def test_a_robot_is_made_ready_as_any_other(robot: Emulator) -> None:
@@ -143,11 +143,11 @@ def test_what_is_no_robot_api_is_no_robot(serve: Callable[..., int]) -> None:
 
 
 def test_redirects_are_followed_and_answers_without_length_read(serve: Callable[..., int]) -> None:
-    asked = list[str]()
+    requested = list[str]()
 
     def moved(connection: socket.socket) -> None:
         path = connection.recv(4096).decode().split(" ")[1]
-        asked.append(path.rpartition("/")[2])
+        requested.append(path.rpartition("/")[2])
         content = json.dumps({"info": {"version": "3.1.4"}, "mode": "IDLE"}).encode()
         if path.endswith("robotmode"):
             more = "Location: http://robot/new/place\r\n"
@@ -158,11 +158,11 @@ def test_redirects_are_followed_and_answers_without_length_read(serve: Callable[
             connection.sendall(b"HTTP/1.1 200 OK\r\nConnection: close\r\n\r\n" + content)  # until the end
 
     with BlockingRobotAPIClient(HOST, serve(moved)) as api:
-        assert api.ask(robotapi.ROBOT_MODE) is RobotMode.IDLE
-    assert asked == ["openapi.json", "robotmode", "place"]
+        assert api.request(robotapi.ROBOT_MODE) is RobotMode.IDLE
+    assert requested == ["openapi.json", "robotmode", "place"]
 
 
 async def test_requests_wait_for_those_before(robot: Emulator) -> None:
     async with RobotAPIClient(HOST, robot.ports["robot api"]) as api:
-        modes = await asyncio.gather(*(api.ask(robotapi.ROBOT_MODE) for _ in range(5)))
+        modes = await asyncio.gather(*(api.request(robotapi.ROBOT_MODE) for _ in range(5)))
     assert set(modes) == {RobotMode.POWER_OFF}

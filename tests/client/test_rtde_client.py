@@ -268,7 +268,7 @@ def test_a_client_that_only_writes():
     assert controller.requests[2:] == [codec.SetupInputs(tuple(REGISTER))]
     with pytest.raises(LocalProtocolError, match="no outputs"):
         next(core.latest())
-    drive(core.say("careful", "me"), controller)
+    drive(core.send_message("careful", "me"), controller)
     assert controller.requests[-1] == codec.ClientMessage("careful", "me")
 
 

@@ -123,9 +123,9 @@ def _rtde_kind(message: type, protocol: int) -> str:
 
 
 def gripper(_: str, case: str) -> set[str]:
-    asked, answer = map(data_of, case.split(" -> "))
+    request_data, answer = map(data_of, case.split(" -> "))
     decoder = RequestDecoder()
-    (request,) = decoder.feed(asked) or decoder.flush()
+    (request,) = decoder.feed(request_data) or decoder.flush()
     if isinstance(request, Get):
         text = answer.decode().split()[-1]
         assert encode_value(request, text) == answer
@@ -136,8 +136,8 @@ def gripper(_: str, case: str) -> set[str]:
 
 
 def interpreter(_: str, case: str) -> set[str]:
-    asked, answer = map(data_of, case.split(" -> "))
-    (line,) = StatementDecoder().feed(asked)
+    request_data, answer = map(data_of, case.split(" -> "))
+    (line,) = StatementDecoder().feed(request_data)
     assert isinstance(line, str)
     received = parse_answer(answer.decode().removesuffix("\n"))
     assert received.line == line
@@ -146,15 +146,15 @@ def interpreter(_: str, case: str) -> set[str]:
         assert encode_answer(discard(reason, line)) == answer
         return {f"discard: {reason.name}"}
     command = InterpreterCommand.of(line)
-    say = state_answer if answer.startswith(b"state") else ack
-    assert encode_answer(say(received.number, line)) == answer
+    encode = state_answer if answer.startswith(b"state") else ack
+    assert encode_answer(encode(received.number, line)) == answer
     return {command.value if command else "ack"}
 
 
 def modbus_exchange(_: str, case: str) -> set[str]:
-    asked, answer = map(data_of, case.split(" -> "))
-    request = modbus.decode_request(asked)
-    assert modbus.encode_request(request) == asked
+    request_data, answer = map(data_of, case.split(" -> "))
+    request = modbus.decode_request(request_data)
+    assert modbus.encode_request(request) == request_data
     if answer[0] & 0x80:
         assert modbus.exception_response(request.function, answer[1]) == answer
         with pytest.raises(modbus.ModbusException):

@@ -90,8 +90,8 @@ def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
             host, program = request.param, request.config.getoption("--robot-program")
         else:
             host, program = _start_emulator(request.param, tmp_path_factory.mktemp("programs"), ending), PROGRAM
-        with BlockingDashboardClient(host) as asked:
-            version = asked.ask(dashboard.POLYSCOPE_VERSION)
+        with BlockingDashboardClient(host) as client:
+            version = client.request(dashboard.POLYSCOPE_VERSION)
         yield Robot(host, version, program)
 
 

@@ -24,7 +24,7 @@ end"""
 
 
 def test_protective_stop_and_recovery(running):
-    with running.rtde(FIELDS) as rtde, running.dashboard() as asked, running.primary() as primary:
+    with running.rtde(FIELDS) as rtde, running.dashboard() as client, running.primary() as primary:
         begin = rtde.latest()["timestamp"]
         with pytest.raises(ScriptFailedError, match="PROTECTIVE_STOP"):
             primary.run(primary.core.execute(STOP))
@@ -33,27 +33,27 @@ def test_protective_stop_and_recovery(running):
         assert SafetyStatusBits.PROTECTIVE_STOPPED in bits
         assert SafetyStatusBits.NORMAL not in bits
         assert state["robot_mode"] == RobotMode.RUNNING  # the arm holds itself with its motors
-        assert asked.ask(dashboard.SAFETY_MODE) is SafetyMode.PROTECTIVE_STOP
+        assert client.request(dashboard.SAFETY_MODE) is SafetyMode.PROTECTIVE_STOP
 
         with pytest.raises(RobotRefused, match="wait until 5 s after the stop"):
-            asked.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+            client.request(dashboard.UNLOCK_PROTECTIVE_STOP)
         with pytest.raises(RobotRefused, match="clear the stop first"):
             primary.run(primary.core.execute("textmsg(1)"))
 
         wait_until(rtde, lambda state: state["timestamp"] > begin + UNLOCK_AFTER_S + 1.5, UNLOCK_AFTER_S + 3)
-        asked.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+        client.request(dashboard.UNLOCK_PROTECTIVE_STOP)
         state = wait_until(rtde, lambda state: state["safety_mode"] == SafetyMode.NORMAL)
         assert state["safety_status_bits"] & SafetyStatusBits.NORMAL
-        asked.ask(dashboard.CLOSE_SAFETY_POPUP)
+        client.request(dashboard.CLOSE_SAFETY_POPUP)
         primary.run(primary.core.command(STOP_PROGRAM))
         primary.run(primary.core.command(BRAKE_RELEASE))
         assert primary.run(primary.core.execute("textmsg(1)")).texts == ("1",)
 
 
 def test_unlocking_when_nothing_is_locked(running):
-    with running.dashboard() as asked:
-        asked.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
-        assert asked.ask(dashboard.SAFETY_MODE) is SafetyMode.NORMAL
+    with running.dashboard() as client:
+        client.request(dashboard.UNLOCK_PROTECTIVE_STOP)
+        assert client.request(dashboard.SAFETY_MODE) is SafetyMode.NORMAL
 
 
 def test_a_stop_ends_a_move_immediately(running):
@@ -68,8 +68,8 @@ def test_a_stop_ends_a_move_immediately(running):
         state = wait_until(rtde, lambda state: max(map(abs, state["actual_qd"])) < 0.01, 1.0)
         assert abs(state["actual_q"][5] - start[5]) < 0.09
         pass_time(rtde, UNLOCK_AFTER_S + 1)
-        with running.dashboard() as asked:
-            asked.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+        with running.dashboard() as client:
+            client.request(dashboard.UNLOCK_PROTECTIVE_STOP)
         wait_until(rtde, lambda state: state["safety_mode"] == SafetyMode.NORMAL)
         primary.run(primary.core.command(STOP_PROGRAM))
         primary.run(primary.core.execute(f"movej({start}, a=0.5, v=0.1)", timeout_s=20))

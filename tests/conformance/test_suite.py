@@ -35,13 +35,13 @@ def test_without_the_flag_nothing_moves():
 async def test_all_clients_in_one_event_loop(robot):
     """The same sequences with the asynchronous clients."""
     async with (
-        DashboardClient(robot.host) as asked,
+        DashboardClient(robot.host) as client,
         PrimaryClient(robot.host) as primary,
         RealtimeClient(robot.host) as realtime,
         RTDEClient(robot.host, ["timestamp", "robot_mode"], [["input_int_register_29"]]) as rtde,
     ):
         mode, state, seen, rtde_state, _ = await asyncio.gather(
-            asked.ask(dashboard.ROBOT_MODE),
+            client.request(dashboard.ROBOT_MODE),
             primary.run(primary.core.robot_state()),
             realtime.receive(),
             rtde.latest(),

@@ -56,7 +56,7 @@ class Conversation:
         self._send(True, SYN | ACK)
         return self
 
-    def say(self, from_robot: bool, data: bytes, pieces: int = 1) -> "Conversation":
+    def send(self, from_robot: bool, data: bytes, pieces: int = 1) -> "Conversation":
         size = -(-len(data) // pieces)
         for start in range(0, len(data), size):
             self._send(from_robot, ACK | PSH, data[start : start + size])

@@ -24,14 +24,14 @@ BEGINS = "# the capture begins 2023-11-14 22:13:20.000000 UTC"
 
 def rtde_conversation() -> Conversation:
     one = Conversation().open()
-    one.say(False, codec.RequestProtocol(2).encode(1)).say(True, codec.ProtocolReply(True).encode(1))
-    one.say(False, codec.GetVersion().encode(2)).say(True, codec.VersionReply(PolyscopeVersion(5, 22)).encode(2))
-    one.say(False, codec.SetupOutputs(NAMES, 125.0).encode(2), pieces=3)
-    one.say(True, codec.SetupOutputsReply(RECIPE.types, 1).encode(2), pieces=2)
-    one.say(False, codec.Start().encode(2)).say(True, codec.StartReply(True).encode(2))
+    one.send(False, codec.RequestProtocol(2).encode(1)).send(True, codec.ProtocolReply(True).encode(1))
+    one.send(False, codec.GetVersion().encode(2)).send(True, codec.VersionReply(PolyscopeVersion(5, 22)).encode(2))
+    one.send(False, codec.SetupOutputs(NAMES, 125.0).encode(2), pieces=3)
+    one.send(True, codec.SetupOutputsReply(RECIPE.types, 1).encode(2), pieces=2)
+    one.send(False, codec.Start().encode(2)).send(True, codec.StartReply(True).encode(2))
     for step in range(3):
         data = codec.OutputData(RECIPE.pack((41.0 + step, (0.5,) * 6, 7)), 1).encode(2)
-        one.say(True, data, pieces=2)
+        one.send(True, data, pieces=2)
     return one.close()
 
 
@@ -127,8 +127,8 @@ def test_a_capture_that_begins_mid_connection():
 
 
 def test_reused_ports_are_a_new_connection():
-    first = Conversation().open().say(False, b"power on\n").close().segments
-    second = Conversation(500, 90000).open().say(False, b"power off\n").close().segments
+    first = Conversation().open().send(False, b"power on\n").close().segments
+    second = Conversation(500, 90000).open().send(False, b"power off\n").close().segments
     lines, problems = session(pcap([ip_packet(sent, 29999) for sent in first + second], 101))
     assert messages(lines) == ["power on", "power off"]
     assert problems == 0
@@ -138,16 +138,16 @@ def test_several_connections_with_different_protocols():
     packets = []
     read = modbus.ModbusRequest(modbus.Function.READ_COILS, 3, 2)
     talks = {
-        30001: Conversation().open().say(True, golden("safety_mode_5.24")),
-        30020: Conversation().open().say(False, b"stopj(2)\n").say(True, b"ack: 1: stopj(2)\n"),
-        502: Conversation().open().say(False, modbus.encode_frame(modbus.Frame(1, 0, modbus.encode_request(read))))
-        .say(True, modbus.encode_frame(modbus.Frame(1, 0, modbus.encode_response(read, (1, 0))))),
-        50001: Conversation().open().say(True, ReverseMessage.keep_alive(1000).encode()),
+        30001: Conversation().open().send(True, golden("safety_mode_5.24")),
+        30020: Conversation().open().send(False, b"stopj(2)\n").send(True, b"ack: 1: stopj(2)\n"),
+        502: Conversation().open().send(False, modbus.encode_frame(modbus.Frame(1, 0, modbus.encode_request(read))))
+        .send(True, modbus.encode_frame(modbus.Frame(1, 0, modbus.encode_response(read, (1, 0))))),
+        50001: Conversation().open().send(True, ReverseMessage.keep_alive(1000).encode()),
         50003: Conversation()
         .open()
-        .say(False, GREETING + b"0123abcd\n" + TrajectoryResult.SUCCESS.to_bytes(4, "big")),
-        63352: Conversation().open().say(False, b"SET GTO 1\n").say(True, b"ack"),
-        443: Conversation().open().say(True, b"\x16\x03"),
+        .send(False, GREETING + b"0123abcd\n" + TrajectoryResult.SUCCESS.to_bytes(4, "big")),
+        63352: Conversation().open().send(False, b"SET GTO 1\n").send(True, b"ack"),
+        443: Conversation().open().send(True, b"\x16\x03"),
     }  # fmt: skip
     for number, (port, talk) in enumerate(talks.items()):
         packets += [ip_packet(sent, port, 40000 + number) for sent in talk.segments]
@@ -178,7 +178,7 @@ def test_other_ports_by_number_offset_and_content():
 
 
 def test_truncated_and_damaged_files():
-    whole = pcap([ip_packet(sent, 29999) for sent in Conversation().open().say(True, b"a\n").segments], 101)
+    whole = pcap([ip_packet(sent, 29999) for sent in Conversation().open().send(True, b"a\n").segments], 101)
     assert session(whole[:-3])[0][-1] == "! the capture file ends 55 bytes into a packet"
     broken = whole + struct.pack("<IIII", BEGIN_S, 0, 1 << 30, 1 << 30) + bytes(100)
     lines, problems = session(broken)

@@ -201,10 +201,10 @@ def test_external_control():
 
 def test_modbus_with_only_one_direction():
     request = modbus.ModbusRequest(modbus.Function.READ_HOLDING_REGISTERS, 128, 2)
-    ask = modbus.encode_frame(modbus.Frame(7, 255, modbus.encode_request(request)))
+    request_frame = modbus.encode_frame(modbus.Frame(7, 255, modbus.encode_request(request)))
     answer = modbus.encode_frame(modbus.Frame(7, 255, modbus.encode_response(request, (3, 4))))
     refusal = modbus.encode_frame(modbus.Frame(8, 255, modbus.exception_response(3, 2)))
-    assert decoded_lines(ask)[1:] == ["request 7 unit 255 read_holding_registers: 128..129"]
+    assert decoded_lines(request_frame)[1:] == ["request 7 unit 255 read_holding_registers: 128..129"]
     assert decoded_lines(answer + refusal)[1:] == [
         "answer 7 unit 255 read_holding_registers: [3, 4] (the request was not seen)",
         "answer 8 unit 255 read_holding_registers: refused, exception ILLEGAL_DATA_ADDRESS",

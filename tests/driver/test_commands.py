@@ -176,9 +176,9 @@ class Sent:
 
     def __init__(self, monkeypatch):
         self.driver = URDriver("127.0.0.1")
-        self.commands, self.asked = [], []
+        self.commands, self.requested = [], []
         monkeypatch.setattr(self.driver.commands, "send", self.commands.append)
-        monkeypatch.setattr(self.driver.robot, "require", self.asked.append)
+        monkeypatch.setattr(self.driver.robot, "require", self.requested.append)
 
 
 @pytest.fixture
@@ -203,7 +203,7 @@ def test_numbers_of_commands_go_where_they_belong(sent):
     viscous, coulomb = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), (0.7, 0.8, 0.9, 1.0, 0.0, 0.05)
     sent.driver.set_friction_scales(viscous, coulomb)
     assert from_words(sent.commands[-1].words) == (*viscous, *coulomb)
-    assert sent.asked == ["set_friction_scales"]
+    assert sent.requested == ["set_friction_scales"]
     sent.driver.set_stream_parameters(lookahead_s=0.05, gain=500.0, acceleration=7.0, deceleration_rad_s2=3.0)
     assert from_words(sent.commands[-1].words) == (0.05, 500.0, 7.0, 3.0)
     sent.driver.set_force_mode_parameters(0.3, 1.5)

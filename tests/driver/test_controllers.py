@@ -111,8 +111,8 @@ async def test_a_goal_survives_a_protective_stop(robot):
         await bench.after(5.2)  # before that the robot does not unlock
         assert (bench.q, bench.controller(SCALED).progress) == (pytest.approx(stood, abs=1e-3), waited)
         board = bench.driver.robot.dashboard
-        await board.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
-        await board.ask(dashboard.PLAY)
+        await board.request(dashboard.UNLOCK_PROTECTIVE_STOP)
+        await board.request(dashboard.PLAY)
         assert (await bench.loop.result(handle)).error_code is ErrorCode.SUCCESSFUL
         await bench.after(0.5)
         assert bench.distance(goal) < 0.005

@@ -76,7 +76,7 @@ def options(robot):
 async def test_who_is_to_make_ready_waits_for_a_program_that_somebody_loads_and_plays(capsys, caplog):
     """Not headless, an arm that is off, nothing loaded; the second time the program is there, and is played."""
     async with emulator("ur5e") as robot, DashboardClient(HOST, port=robot.ports["dashboard"]) as board:
-        await board.ask(dashboard.POWER_OFF)
+        await board.request(dashboard.POWER_OFF)
         options = ManagerOptions(HOST, driver_options(robot), headless=False, make_ready=True)
         async with reached(options) as arm:
             running = RunningManager(arm, headless=False)
@@ -89,14 +89,14 @@ async def test_who_is_to_make_ready_waits_for_a_program_that_somebody_loads_and_
                 port = arm.driver.program.sender.port
                 address = DriverAddress(HOST, port)
                 robot.controller.config = replace(robot.controller.config, external_control=address)
-                await board.ask(dashboard.load("external_control.urp"))
+                await board.request(dashboard.load("external_control.urp"))
                 assert not ready.done()
-                await board.ask(dashboard.PLAY)
+                await board.request(dashboard.PLAY)
                 async with timeout(PATIENCE_S):
                     await ready
                 assert await _said(capsys, "the control program is running. Ctrl-C ends it.")
                 await until(lambda: _active(running, SCALED))
-        await board.ask(dashboard.STOP)  # it loops, and asks for a driver that has left
+        await board.request(dashboard.STOP)  # it loops, and asks for a driver that has left
         options = replace(options, robot=driver_options(robot, sender_port=port), controller="")
         async with reached(options) as arm, RunningManager(arm, headless=False).at_work(options):
             assert arm.driver.program_running

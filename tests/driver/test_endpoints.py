@@ -16,7 +16,7 @@ from urproto.errors import LocalProtocolError
 from urproto.external_control import (
     ControlMode,
     FreedriveAction,
-    Question,
+    Query,
     ReverseMessage,
     ScriptCommand,
     ScriptCommandKind,
@@ -349,7 +349,7 @@ async def test_what_was_left_of_an_earlier_question_answers_no_later_one():
         await peer.closed
         second = await Robot.at(commands)
         await commands.wait_connected()
-        asking = asyncio.create_task(commands.ask(Question.INVERSE_KIN, (Q,)))
+        asking = asyncio.create_task(commands.query(Query.INVERSE_KIN, (Q,)))
         await second.words(2 * 28)  # the argument, and the question
         second.answer(-2, 2_000_000, 0)
         assert await asking == (2.0,)

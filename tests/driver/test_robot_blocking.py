@@ -64,7 +64,7 @@ def test_stop_from_another_thread(robot):
     robot.wait_for(lambda state: state.q_rad[0] > HOME[0] + 0.05, 10)
     robot.stop()
     thread.join(10)
-    assert [failure.doing for failure in failures] == ["move_j"]
+    assert [failure.operation for failure in failures] == ["move_j"]
     assert robot.state.at_rest
     assert robot.q[0] < HOME[0] + 1.0
 

@@ -160,7 +160,7 @@ class Robot:
         assert all(reply.type != PackageType.DATA_PACKAGE for reply in replies), "data with the answer to START"
         return client
 
-    async def ask(self, client: Client, request: bytes, periods: int = 3) -> bytes:
+    async def request(self, client: Client, request: bytes, periods: int = 3) -> bytes:
         """The answer within some periods."""
         client.read()
         client.send(request)

@@ -211,7 +211,7 @@ class Soak:
         await robot.step(5)
         assert len(client.data()) == 5, "a client gets every package"
         dashboard = await robot.dashboard()
-        assert b"Robotmode" in await robot.ask(dashboard, b"robotmode\n")
+        assert b"Robotmode" in await robot.request(dashboard, b"robotmode\n")
         for one in (client, dashboard):
             one.close()
             robot.clients.remove(one)

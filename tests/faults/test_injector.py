@@ -173,7 +173,7 @@ async def test_a_cleared_fault_leaves_nothing_behind(ur3: Robot, kind: str) -> N
     (listed,) = ur3.control.faults()
     assert (listed["id"], listed["kind"], listed["state"], listed["problem"]) == (fault, kind, "over", "")
     assert await ur3.stream()
-    assert b"Robotmode" in await ur3.ask(await ur3.dashboard(), b"robotmode\n")
+    assert b"Robotmode" in await ur3.request(await ur3.dashboard(), b"robotmode\n")
 
 
 def test_every_kind_has_a_description() -> None:

@@ -74,10 +74,10 @@ async def test_new_clients_are_disconnected(ur3: Robot) -> None:
 async def test_a_half_open_connection_is_silent(robot: Robot) -> None:
     robot.control.inject_fault("half_open", port="dashboard", once=True)
     victim = await robot.connect("dashboard")
-    assert await robot.ask(victim, b"robotmode\n", periods=50) == b""
+    assert await robot.request(victim, b"robotmode\n", periods=50) == b""
     assert victim.ended == ""
     other = await robot.dashboard()
-    assert b"Robotmode" in await robot.ask(other, b"robotmode\n")
+    assert b"Robotmode" in await robot.request(other, b"robotmode\n")
     robot.control.clear_faults()
     await robot.until(lambda: victim.read() or victim.ended)
     assert victim.ended == "reset"
@@ -88,7 +88,7 @@ async def test_a_pulled_cable_closes_no_connection_and_loses_no_data(robot: Robo
     await robot.step(3)
     assert len(stream.data()) == 3
     fault = robot.control.inject_fault("stall")
-    assert await robot.ask(dashboard, b"robotmode\n", periods=50) == b""
+    assert await robot.request(dashboard, b"robotmode\n", periods=50) == b""
     assert (stream.data(), stream.ended, dashboard.ended) == ([], "", "")
     robot.control.clear_fault(fault)
     await robot.step(3)
@@ -127,7 +127,7 @@ async def test_a_port_restarts(robot: Robot) -> None:
     assert stream.ended == "reset"
     with pytest.raises(ConnectionRefusedError):
         Client(robot.emulator.ports["rtde"])
-    assert b"Robotmode" in await robot.ask(dashboard, b"robotmode\n")
+    assert b"Robotmode" in await robot.request(dashboard, b"robotmode\n")
     await robot.step(round(0.4 / robot.period_s))
     await robot.until(lambda: robot.emulator.servers["rtde"].listening)
     again = await robot.stream()
@@ -152,7 +152,7 @@ async def test_a_port_taken_by_another_process_is_reopened_later(ur3: Robot, cap
 @pytest.mark.parametrize("direction", ["sent", "received"])
 async def test_delayed_bytes_arrive_in_order(robot: Robot, direction: str) -> None:
     dashboard = await robot.dashboard()
-    usual = await robot.ask(dashboard, b"robotmode\n")
+    usual = await robot.request(dashboard, b"robotmode\n")
     delay_s = 30 * robot.period_s
     robot.control.inject_fault("delay", port="dashboard", delay_s=delay_s, jitter_s=delay_s, direction=direction)
     dashboard.send(b"robotmode\n")

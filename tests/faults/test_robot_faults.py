@@ -246,9 +246,9 @@ async def test_a_restarted_controller_closes_connections_and_loses_its_state(rob
     await robot.until(lambda: all(server.listening for server in robot.emulator.servers.values()))
     assert robot.emulator.ports == ports
     dashboard = await robot.dashboard()
-    assert b"BOOTING" in await robot.ask(dashboard, b"robotmode\n")
+    assert b"BOOTING" in await robot.request(dashboard, b"robotmode\n")
     await robot.step(round(0.3 / robot.period_s))
-    assert b"POWER_OFF" in await robot.ask(dashboard, b"robotmode\n")
+    assert b"POWER_OFF" in await robot.request(dashboard, b"robotmode\n")
     with pytest.raises(AssertionError, match="did not happen"):  # an external fault continues with the new controller
         await robot.stream(("actual_q",))
     robot.control.clear_fault(lasting)
@@ -271,7 +271,7 @@ async def test_without_power_connections_fall_silent(robot: Robot) -> None:
     await robot.until(lambda: robot.emulator.servers["rtde"].listening)
     stream.read(), dashboard.read()
     assert (stream.ended, dashboard.ended) == ("reset", "reset")
-    assert b"POWER_OFF" in await robot.ask(await robot.dashboard(), b"robotmode\n", periods=5)
+    assert b"POWER_OFF" in await robot.request(await robot.dashboard(), b"robotmode\n", periods=5)
 
 
 async def test_an_emulator_can_be_ended_in_an_outage() -> None:

@@ -67,7 +67,7 @@ def test_picture_and_description_are_shown(rig: Rig, browser: Browser) -> None:
                 "alt", "Picture of the camera over all, stopped; the objects in view are listed below it"
             )
             wait_for_picture(page)
-            assert STILL in served.asked
+            assert STILL in served.requested
             page.get_by_test_id("tab-log").click()
             expect(page.get_by_test_id("camera-picture")).to_have_count(0)
             served.answers["/cameras"] = (200, {}, b'{"cameras": [], "bodies": []}')

@@ -54,7 +54,7 @@ class Replay:
         """Differences between this step and the report."""
         robot = self._robot
         began_s, lines = robot.controller.time_s, len(robot.controller.messages.history)
-        answer = self._ask(step)
+        answer = self._request(step)
         if "wait_s" in step:
             robot.step(round(step["wait_s"] / robot.controller.period_s))
         if "until" in step:
@@ -77,7 +77,7 @@ class Replay:
             if not any(re.search(one, line) for line in log)
         )
 
-    def _ask(self, step: Mapping[str, Any]) -> str | None:
+    def _request(self, step: Mapping[str, Any]) -> str | None:
         robot = self._robot
         if "dashboard" in step:
             return robot.dashboard(step["dashboard"])

@@ -47,7 +47,7 @@ class Peer:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self._process = process
 
-    async def ask(self, **order: Any) -> dict[str, Any]:
+    async def request(self, **order: Any) -> dict[str, Any]:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(f"{json.dumps(order)}\n".encode())
@@ -59,10 +59,10 @@ class Peer:
         return answer
 
     async def call(self, service: str, kind: str, **request: Any) -> dict[str, Any]:
-        return await self.ask(call=service, type=kind, request=request)
+        return await self.request(call=service, type=kind, request=request)
 
     async def echo(self, topic: str, kind: str, *, latched: bool = False, new: bool = False) -> dict[str, Any]:
-        return await self.ask(echo=topic, type=kind, latched=latched, new=new)
+        return await self.request(echo=topic, type=kind, latched=latched, new=new)
 
     async def close(self) -> None:
         assert self._process.stdin is not None

@@ -69,12 +69,12 @@ def trajectory(*points: tuple[list[float] | tuple[float, ...], float], names: An
 
 async def begin(lab: Lab, controller: str, target: Any, seconds: float, **more: Any) -> bool:
     goal = {"trajectory": trajectory((target, seconds)), **more}
-    answer = await lab.peer.ask(goal=f"/{controller}/follow_joint_trajectory", type=FOLLOW, request=goal)
+    answer = await lab.peer.request(goal=f"/{controller}/follow_joint_trajectory", type=FOLLOW, request=goal)
     return bool(answer["accepted"])
 
 
 async def result(lab: Lab, controller: str) -> dict[str, Any]:
-    return await lab.peer.ask(result=f"/{controller}/follow_joint_trajectory")
+    return await lab.peer.request(result=f"/{controller}/follow_joint_trajectory")
 
 
 async def follow(lab: Lab, controller: str, target: Any, seconds: float) -> dict[str, Any]:

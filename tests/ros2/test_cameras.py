@@ -26,7 +26,7 @@ async def test_who_subscribes_gets_pictures_of_one_moment_and_nobody_else_asks_f
             node = await asyncio.to_thread(CameraNode, host, client, cameras, 20.0, "left_")
             try:
                 static = await other.echo("/tf_static", FRAMES, latched=True)
-                assert served.asked == ["/cameras"]
+                assert served.requested == ["/cameras"]
                 rgb = await other.echo("/over_all/image_raw", IMAGE)
                 assert (rgb["encoding"], rgb["height"], rgb["width"], rgb["step"]) == ("rgb8", 6, 8, 24)
                 assert rgb["data"] == RGB.ravel().tolist()
@@ -38,11 +38,11 @@ async def test_who_subscribes_gets_pictures_of_one_moment_and_nobody_else_asks_f
                 assert np.array_equal(np.frombuffer(bytes(depth["data"]), "<f4").reshape(6, 8), DEPTH)
                 compressed = await other.echo("/wrist/image_raw/compressed", "sensor_msgs/msg/CompressedImage")
                 assert bytes(compressed["data"]) == JPEG
-                asked = served.asked[:]
+                requested = served.requested[:]
             finally:
                 await asyncio.to_thread(node.close)
-    assert "/cameras/over%20all/rgbd.npz" in asked, "colours and depth are drawn together"
-    assert not [path for path in asked if "belt" in path]
+    assert "/cameras/over%20all/rgbd.npz" in requested, "colours and depth are drawn together"
+    assert not [path for path in requested if "belt" in path]
     children = [(t["header"]["frame_id"], t["child_frame_id"]) for t in static["transforms"]]
     assert children == [
         ("left_base", "left_over_all_link"),

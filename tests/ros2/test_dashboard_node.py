@@ -82,126 +82,130 @@ async def test_every_service(model: str, tmp_path: Path) -> None:
     (tmp_path / "pick.script").write_text(PROGRAM)
     (tmp_path / "default.installation").write_bytes(gzip.compress(INSTALLATION))
     cb3 = model == "ur3"
-    async with emulator(model, programs_dir=tmp_path, speed=SPEED) as robot, dashboard_of(robot.ports) as ask:
+    async with emulator(model, programs_dir=tmp_path, speed=SPEED) as robot, dashboard_of(robot.ports) as send_request:
         log = robot.controller.messages.history
 
-        assert await ask.words("power_off") == "Powering off"
-        assert (await ask.well("get_robot_mode"))["robot_mode"]["mode"] == RobotMode.POWER_OFF
-        assert await ask.words("power_on") == "Powering on"
-        mode = await ask.well("get_robot_mode")
+        assert await send_request.words("power_off") == "Powering off"
+        assert (await send_request.well("get_robot_mode"))["robot_mode"]["mode"] == RobotMode.POWER_OFF
+        assert await send_request.words("power_on") == "Powering on"
+        mode = await send_request.well("get_robot_mode")
         assert mode["robot_mode"]["mode"] == RobotMode.IDLE
         assert mode["answer"] == "Robotmode: IDLE"
-        assert await ask.words("brake_release") == "Brake releasing"
-        assert (await ask.well("get_robot_mode"))["robot_mode"]["mode"] == RobotMode.RUNNING
-        assert (await ask.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.NORMAL
-        assert (await ask.well("get_safety_status"))["safety_status"]["status"] == SafetyStatus.NORMAL
+        assert await send_request.words("brake_release") == "Brake releasing"
+        assert (await send_request.well("get_robot_mode"))["robot_mode"]["mode"] == RobotMode.RUNNING
+        assert (await send_request.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.NORMAL
+        assert (await send_request.well("get_safety_status"))["safety_status"]["status"] == SafetyStatus.NORMAL
 
-        assert "Failed to execute: play" in await ask.refusal("play")
-        assert "No program loaded" in await ask.refusal("get_loaded_program")
-        await ask.refusal("program_saved")
-        assert "File not found: lost.script" in await ask.refusal("load_program", filename="lost.script")
-        assert (await ask.words("load_program", filename="pick.script")).startswith("Loading program: ")
-        assert (await ask.well("get_loaded_program"))["program_name"].endswith("pick.script")
-        saved = await ask.well("program_saved")
+        assert "Failed to execute: play" in await send_request.refusal("play")
+        assert "No program loaded" in await send_request.refusal("get_loaded_program")
+        await send_request.refusal("program_saved")
+        assert "File not found: lost.script" in await send_request.refusal("load_program", filename="lost.script")
+        assert (await send_request.words("load_program", filename="pick.script")).startswith("Loading program: ")
+        assert (await send_request.well("get_loaded_program"))["program_name"].endswith("pick.script")
+        saved = await send_request.well("program_saved")
         assert saved["program_saved"]
         assert saved["program_name"] == "pick.script"
-        state = await ask.well("program_state")
+        state = await send_request.well("program_state")
         assert (state["state"]["state"], state["program_name"]) == ("STOPPED", "pick.script")
-        assert await ask.words("play") == "Starting program"
-        assert (await ask.well("program_running"))["program_running"]
-        assert await ask.words("pause") == "Pausing program"
-        assert (await ask.well("program_state"))["state"]["state"] == "PAUSED"
-        assert await ask.words("stop") == "Stopped"
-        assert not (await ask.well("program_running"))["program_running"]
-        assert "Failed to execute: pause" in await ask.refusal("pause")
-        assert "lost.installation" in await ask.refusal("load_installation", filename="lost.installation")
-        words = await ask.words("load_installation", filename="default.installation")
+        assert await send_request.words("play") == "Starting program"
+        assert (await send_request.well("program_running"))["program_running"]
+        assert await send_request.words("pause") == "Pausing program"
+        assert (await send_request.well("program_state"))["state"]["state"] == "PAUSED"
+        assert await send_request.words("stop") == "Stopped"
+        assert not (await send_request.well("program_running"))["program_running"]
+        assert "Failed to execute: pause" in await send_request.refusal("pause")
+        assert "lost.installation" in await send_request.refusal("load_installation", filename="lost.installation")
+        words = await send_request.words("load_installation", filename="default.installation")
         assert words.startswith("Loading installation: ")
         assert robot.controller.installation.name == "default.installation"
 
-        assert await ask.words("popup", message="look here") == "showing popup"
+        assert await send_request.words("popup", message="look here") == "showing popup"
         assert robot.controller.popups.shown
-        assert await ask.words("close_popup") == "closing popup"
-        assert await ask.words("close_safety_popup") == "closing safety popup"
-        assert await ask.words("add_to_log", message="noted") == "Added log message"
+        assert await send_request.words("close_popup") == "closing popup"
+        assert await send_request.words("close_safety_popup") == "closing safety popup"
+        assert await send_request.words("add_to_log", message="noted") == "Added log message"
         assert any("noted" in line for line in log)
-        assert "No log message to add" in await ask.refusal("add_to_log", message="")
-        assert "one line" in await ask.refusal("add_to_log", message="one\ntwo")
+        assert "No log message to add" in await send_request.refusal("add_to_log", message="")
+        assert "one line" in await send_request.refusal("add_to_log", message="one\ntwo")
 
-        assert "UR" in (await ask.well("get_robot_model"))["robot_model"]
-        assert (await ask.well("get_serial_number"))["serial_number"] > 0
-        assert (await ask.well("get_polyscope_version"))["version"]["major"] == (3 if cb3 else 5)
-        assert (await ask.well("generate_flight_report"))["report_id"]
-        assert (await ask.well("generate_support_file", dir_path="."))["generated_file_name"].endswith(".zip")
-        assert (await ask("raw_request", query="robotmode"))["answer"] == "Robotmode: RUNNING"
-        assert "could not understand" in (await ask("raw_request", query="dance"))["answer"]
+        assert "UR" in (await send_request.well("get_robot_model"))["robot_model"]
+        assert (await send_request.well("get_serial_number"))["serial_number"] > 0
+        assert (await send_request.well("get_polyscope_version"))["version"]["major"] == (3 if cb3 else 5)
+        assert (await send_request.well("generate_flight_report"))["report_id"]
+        assert (await send_request.well("generate_support_file", dir_path="."))["generated_file_name"].endswith(".zip")
+        assert (await send_request("raw_request", query="robotmode"))["answer"] == "Robotmode: RUNNING"
+        assert "could not understand" in (await send_request("raw_request", query="dance"))["answer"]
 
         if cb3:
             for role in ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"):
-                await ask.well("set_user_role", user_role={"role": role})
-                assert (await ask.well("get_user_role"))["user_role"]["role"] == role
-            assert "KING" in await ask.refusal("set_user_role", user_role={"role": "KING"})
+                await send_request.well("set_user_role", user_role={"role": role})
+                assert (await send_request.well("get_user_role"))["user_role"]["role"] == role
+            assert "KING" in await send_request.refusal("set_user_role", user_role={"role": "KING"})
             for name in ("is_in_remote_control", "get_operational_mode", "clear_operational_mode"):
-                assert "e-Series since" in await ask.refusal(name)
-            assert "e-Series" in await ask.refusal("set_operational_mode", operational_mode={"mode": "MANUAL"})
+                assert "e-Series since" in await send_request.refusal(name)
+            assert "e-Series" in await send_request.refusal("set_operational_mode", operational_mode={"mode": "MANUAL"})
         else:
             for remote in (False, True):
                 robot.controller.remote_control = remote
-                assert (await ask.well("is_in_remote_control"))["remote_control"] == remote
+                assert (await send_request.well("is_in_remote_control"))["remote_control"] == remote
             for mode in ("MANUAL", "AUTOMATIC"):
-                await ask.well("set_operational_mode", operational_mode={"mode": mode})
-                assert (await ask.well("get_operational_mode"))["operational_mode"]["mode"] == mode
-            await ask.refusal("set_operational_mode", operational_mode={"mode": "NONE"})
-            await ask.well("clear_operational_mode")
-            assert "CB3 since" in await ask.refusal("get_user_role")
-            assert "CB3 since" in await ask.refusal("set_user_role", user_role={"role": "NONE"})
+                await send_request.well("set_operational_mode", operational_mode={"mode": mode})
+                assert (await send_request.well("get_operational_mode"))["operational_mode"]["mode"] == mode
+            await send_request.refusal("set_operational_mode", operational_mode={"mode": "NONE"})
+            await send_request.well("clear_operational_mode")
+            assert "CB3 since" in await send_request.refusal("get_user_role")
+            assert "CB3 since" in await send_request.refusal("set_user_role", user_role={"role": "NONE"})
         for name in ("get_programs", "upload_program", "update_program", "download_program"):
-            assert "PolyScope X" in await ask.refusal(name)
+            assert "PolyScope X" in await send_request.refusal(name)
 
         robot.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
-        assert (await ask.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.PROTECTIVE_STOP
-        assert "until 5s after" in await ask.refusal("unlock_protective_stop")
+        assert (await send_request.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.PROTECTIVE_STOP
+        assert "until 5s after" in await send_request.refusal("unlock_protective_stop")
         while not robot.controller.safety.may_unlock_remotely:
             await asyncio.sleep(0.01)
-        assert await ask.words("unlock_protective_stop") == "Protective stop releasing"
+        assert await send_request.words("unlock_protective_stop") == "Protective stop releasing"
         robot.controller.safety_event(SafetyEvent.VIOLATION)
-        assert "Failed to execute: power on" in await ask.refusal("power_on")
-        assert await ask.words("restart_safety") == "Restarting safety"
-        assert (await ask.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.NORMAL
+        assert "Failed to execute: power on" in await send_request.refusal("power_on")
+        assert await send_request.words("restart_safety") == "Restarting safety"
+        assert (await send_request.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.NORMAL
 
-        assert "connected already" in await ask.refusal("connect")
-        assert await ask.words("quit") == "Disconnected"
-        assert "~/connect" in await ask.refusal("get_robot_mode")
-        await ask.well("connect")
-        assert await ask.words("shutdown") == "Shutting down"
+        assert "connected already" in await send_request.refusal("connect")
+        assert await send_request.words("quit") == "Disconnected"
+        assert "~/connect" in await send_request.refusal("get_robot_mode")
+        await send_request.well("connect")
+        assert await send_request.words("shutdown") == "Shutting down"
         assert robot.controller.shutdown_requested
-        assert ask.called == set(TYPES)
+        assert send_request.called == set(TYPES)
 
 
 async def test_a_robot_that_goes_and_comes_back(tmp_path: Path) -> None:
     """Nobody has to connect again, and a robot that is away is said to be."""
-    async with emulator("ur5e", speed=SPEED) as robot, dashboard_of(robot.ports) as ask:
-        await ask.well("get_robot_mode")
-        assert (await ask("raw_request", query="quit"))["answer"] == "Disconnected"  # the robot ends the connection
-        await ask.well("get_robot_mode")
+    async with emulator("ur5e", speed=SPEED) as robot, dashboard_of(robot.ports) as send_request:
+        await send_request.well("get_robot_mode")
+        assert (await send_request("raw_request", query="quit"))[
+            "answer"
+        ] == "Disconnected"  # the robot ends the connection
+        await send_request.well("get_robot_mode")
         await robot.__aexit__(None, None, None)
-        assert "no connection to" in await ask.refusal("get_robot_mode")
-        assert "no connection to" in await ask.refusal("connect")
+        assert "no connection to" in await send_request.refusal("get_robot_mode")
+        assert "no connection to" in await send_request.refusal("connect")
 
 
 async def test_parameters() -> None:
     """Only the patience can be changed; without autoconnect a connection is asked for."""
     with socket.create_server((HOST, 0)) as silent:
         port = silent.getsockname()[1]
-        async with dashboard_of({"primary": port, "rtde": port, "dashboard": port}, "-p", "autoconnect:=false") as ask:
-            assert "~/connect" in await ask.refusal("play")
-            assert not await ask.parameter("robot_ip", 4, string_value="10.0.0.1")
-            assert not await ask.parameter("receive_timeout", 3, double_value=-1.0)
-            assert await ask.parameter("receive_timeout", 3, double_value=0.1)
+        async with dashboard_of(
+            {"primary": port, "rtde": port, "dashboard": port}, "-p", "autoconnect:=false"
+        ) as send_request:
+            assert "~/connect" in await send_request.refusal("play")
+            assert not await send_request.parameter("robot_ip", 4, string_value="10.0.0.1")
+            assert not await send_request.parameter("receive_timeout", 3, double_value=-1.0)
+            assert await send_request.parameter("receive_timeout", 3, double_value=0.1)
             silent.setblocking(True)
-            answer = asyncio.create_task(ask("connect"))
+            answer = asyncio.create_task(send_request("connect"))
             connection, _ = await asyncio.to_thread(silent.accept)
             with connection:
                 connection.sendall(encode_line(GREETING))
                 assert (await answer)["success"]
-                assert "for 0.1 s" in await ask.refusal("play")
+                assert "for 0.1 s" in await send_request.refusal("play")

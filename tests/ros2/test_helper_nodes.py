@@ -39,23 +39,23 @@ class Bench:
 
     async def set_mode(self, mode: int, last: dict[str, int] | None = None, **more: bool) -> dict[str, Any]:
         goal = {"target_robot_mode": int(mode), **more}
-        answer = await self.peer.ask(goal=SET_MODE, type="ur_dashboard_msgs/action/SetMode", request=goal)
+        answer = await self.peer.request(goal=SET_MODE, type="ur_dashboard_msgs/action/SetMode", request=goal)
         assert answer["accepted"]
-        answer = await self.peer.ask(result=SET_MODE, last=last or {})
+        answer = await self.peer.request(result=SET_MODE, last=last or {})
         assert answer["result"]["success"] == (answer["status"] == SUCCEEDED)
         return answer
 
     async def begin_script(self, program: str, **more: Any) -> bool:
         goal = {"program": program, "start_timeout": {"sec": 60, "nanosec": 0}, **more}
-        answer = await self.peer.ask(goal=SCRIPT, type="ur_msgs/action/SendScript", request=goal)
+        answer = await self.peer.request(goal=SCRIPT, type="ur_msgs/action/SendScript", request=goal)
         return answer["accepted"]
 
     async def script(self, program: str, **more: Any) -> dict[str, Any]:
         assert await self.begin_script(program, **more)
-        return await self.peer.ask(result=SCRIPT)
+        return await self.peer.request(result=SCRIPT)
 
     async def send(self, program: str) -> None:
-        await self.peer.ask(publish="/urscript_interface/script_command", type="std_msgs/msg/String",
+        await self.peer.request(publish="/urscript_interface/script_command", type="std_msgs/msg/String",
                             message={"data": program})  # fmt: skip
 
     async def until(self, condition: Any) -> None:
@@ -129,9 +129,9 @@ async def test_a_program_of_the_pendant_is_played(tmp_path: Path) -> None:
         await bench.until(lambda: bench.arm.driver.robot.robot_mode is RobotMode.POWER_OFF)
         goal = {"target_robot_mode": 7, "play_program": True}
         order = {"type": "ur_dashboard_msgs/action/SetMode", "request": goal}
-        assert (await bench.peer.ask(goal=SET_MODE, **order))["accepted"]
-        assert (await bench.peer.ask(cancel=SET_MODE))["goals_canceling"] == []
-        answer = await bench.peer.ask(result=SET_MODE)
+        assert (await bench.peer.request(goal=SET_MODE, **order))["accepted"]
+        assert (await bench.peer.request(cancel=SET_MODE))["goals_canceling"] == []
+        answer = await bench.peer.request(result=SET_MODE)
         assert answer["status"] == ABORTED
         assert "Failed to execute: play" in answer["result"]["message"]  # nothing is loaded
         assert robot.controller.power.robot_mode is RobotMode.RUNNING
@@ -171,8 +171,8 @@ async def test_scripts() -> None:
         assert await bench.begin_script(ENDLESS)
         await bench.until(lambda: robot.controller.programs.state is RuntimeState.PLAYING)
         await bench.send("set_digital_out(5, True)")  # not heeded meanwhile
-        assert len((await bench.peer.ask(cancel=SCRIPT))["goals_canceling"]) == 1
-        answer = await bench.peer.ask(result=SCRIPT)
+        assert len((await bench.peer.request(cancel=SCRIPT))["goals_canceling"]) == 1
+        answer = await bench.peer.request(result=SCRIPT)
         assert answer["status"] == CANCELED
         assert not answer["result"]["success"]
         assert robot.controller.programs.state is RuntimeState.STOPPED
@@ -184,7 +184,7 @@ async def test_scripts() -> None:
         async with timeout(60.0):
             while not await bench.begin_script("sync()"):
                 await asyncio.sleep(0.05)
-        assert (await bench.peer.ask(result=SCRIPT))["status"] == SUCCEEDED
+        assert (await bench.peer.request(result=SCRIPT))["status"] == SUCCEEDED
 
         robot.controller.power_event(PowerEvent.POWER_OFF)
         answer = await bench.script("sync()")

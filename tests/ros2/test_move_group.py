@@ -94,8 +94,8 @@ async def apply(lab: Lab, **scene: Any) -> bool:
 
 
 async def scene_of(lab: Lab, components: int = 0) -> dict[str, Any]:
-    asked = {"components": components}
-    return (await lab.peer.call("/get_planning_scene", f"{SRV}/GetPlanningScene", components=asked))["scene"]
+    fields = {"components": components}
+    return (await lab.peer.call("/get_planning_scene", f"{SRV}/GetPlanningScene", components=fields))["scene"]
 
 
 async def put(lab: Lab, name: str = "post", at: Any = (0.5, 0.0, 0.5), frame: str = "base_link", **more: Any) -> bool:
@@ -124,7 +124,7 @@ async def test_without_ompl_the_driver_goes_on(
 
 
 async def test_names_and_types_are_those_of_moveit(lab: Lab) -> None:
-    graph = await lab.peer.ask(graph=True)
+    graph = await lab.peer.request(graph=True)
     assert "/move_group" in graph["nodes"]
     services = {
         "apply_planning_scene": "ApplyPlanningScene",
@@ -173,8 +173,8 @@ async def test_forward_kinematics_are_the_robots(lab: Lab) -> None:
     assert abs(turn @ rotvec_to_quaternion(*expected[3:])) == pytest.approx(1.0)
     assert abs(root["orientation"]["z"]) == pytest.approx(1.0)  # base is turned by pi
     for wrong, code in (({"fk_link_names": ["gripper"]}, -18), ({"header": {"frame_id": "moon"}}, -21)):
-        asked: dict[str, Any] = {"fk_link_names": ["tool0"], **wrong}
-        answer = await lab.peer.call("/compute_fk", f"{SRV}/GetPositionFK", **asked)
+        fields: dict[str, Any] = {"fk_link_names": ["tool0"], **wrong}
+        answer = await lab.peer.call("/compute_fk", f"{SRV}/GetPositionFK", **fields)
         assert answer["error_code"]["val"] == code, answer
 
 
@@ -187,8 +187,8 @@ async def test_inverse_kinematics(lab: Lab) -> None:
     target["header"].pop("stamp")
 
     async def ik(**more: Any) -> dict[str, Any]:
-        asked = {"group_name": "ur_manipulator", "robot_state": state(GOAL), "pose_stamped": target, **more}
-        return await lab.peer.call("/compute_ik", f"{SRV}/GetPositionIK", ik_request=asked)
+        fields = {"group_name": "ur_manipulator", "robot_state": state(GOAL), "pose_stamped": target, **more}
+        return await lab.peer.call("/compute_ik", f"{SRV}/GetPositionIK", ik_request=fields)
 
     answer = await ik()
     assert answer["error_code"]["val"] == SUCCESS
@@ -291,8 +291,8 @@ async def test_path_constraints_are_kept_to(lab: Lab) -> None:
     assert await put(lab, "post", (0.5, 0.0, 0.5))
     turn = {**pose_goal(level)["orientation_constraints"][0], "absolute_x_axis_tolerance": 0.1,
             "absolute_y_axis_tolerance": 0.1, "absolute_z_axis_tolerance": math.pi}  # fmt: skip
-    asked = {"start": level, "goal": joint_goal(there)}
-    answer = await plan(lab, **asked, path_constraints={"orientation_constraints": [turn]})
+    fields = {"start": level, "goal": joint_goal(there)}
+    answer = await plan(lab, **fields, path_constraints={"orientation_constraints": [turn]})
     assert answer["error_code"]["val"] == SUCCESS, answer["error_code"]
 
     def leaning(q: Any) -> float:
@@ -300,10 +300,10 @@ async def test_path_constraints_are_kept_to(lab: Lab) -> None:
         return math.acos(min(1.0, sum(wanted[i] * now[i] for i in (2, 5, 8))))
 
     assert max(map(leaning, points(answer))) < 0.15
-    assert max(map(leaning, points(await plan(lab, **asked)))) > 0.2
+    assert max(map(leaning, points(await plan(lab, **fields)))) > 0.2
     narrow = {**turn, "parameterization": 1}
     for wrong, code in ((narrow, -16), ({**turn, "link_name": "forearm_link"}, -18)):
-        answer = await plan(lab, **asked, path_constraints={"orientation_constraints": [wrong]})
+        answer = await plan(lab, **fields, path_constraints={"orientation_constraints": [wrong]})
         assert answer["error_code"]["val"] == code, answer["error_code"]
     answer = await plan(lab, start=START, path_constraints={"orientation_constraints": [
         {**turn, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}]})  # fmt: skip
@@ -341,8 +341,8 @@ async def test_a_sequence_is_taken(lab: Lab) -> None:
     listeners.append(watch := lambda state: heard.append(state["actual_q"]))
     try:
         goal = {"request": {"items": [{"req": first, "blend_radius": 0.03}, {"req": second}]}}
-        assert (await lab.peer.ask(goal="/sequence_move_group", type=kind, request=goal))["accepted"]
-        answer = await lab.peer.ask(result="/sequence_move_group")
+        assert (await lab.peer.request(goal="/sequence_move_group", type=kind, request=goal))["accepted"]
+        answer = await lab.peer.request(result="/sequence_move_group")
     finally:
         listeners.remove(watch)
     assert answer["status"] == SUCCEEDED, answer
@@ -352,11 +352,11 @@ async def test_a_sequence_is_taken(lab: Lab) -> None:
     await rests(lab, points({"trajectory": response["planned_trajectories"][0]})[-1])
     middle = ARM.forward(corner)[:3]
     assert 0.001 < min(math.dist(ARM.forward(q)[:3], middle) for q in heard) < 0.03
-    assert (await lab.peer.ask(goal="/sequence_move_group", type=kind, request={}))["accepted"]
-    assert (await lab.peer.ask(result="/sequence_move_group"))["status"] == SUCCEEDED
+    assert (await lab.peer.request(goal="/sequence_move_group", type=kind, request={}))["accepted"]
+    assert (await lab.peer.request(result="/sequence_move_group"))["status"] == SUCCEEDED
     goal["request"]["items"][1]["blend_radius"] = 0.1
-    assert (await lab.peer.ask(goal="/sequence_move_group", type=kind, request=goal))["accepted"]
-    answer = await lab.peer.ask(result="/sequence_move_group")
+    assert (await lab.peer.request(goal="/sequence_move_group", type=kind, request=goal))["accepted"]
+    answer = await lab.peer.request(result="/sequence_move_group")
     assert answer["status"] == ABORTED
     assert answer["result"]["response"]["error_code"]["val"] < 0
 
@@ -368,10 +368,10 @@ async def test_a_cartesian_path_goes_as_far_as_it_can(lab: Lab) -> None:
         return {"position": dict(zip("xyz", there, strict=True)), "orientation": place["orientation"]}
 
     async def path(*waypoints: Any, frame: str = "base_link", **more: Any) -> dict[str, Any]:
-        asked = {"header": {"frame_id": frame}, "start_state": state(), "group_name": "ur_manipulator",
+        fields = {"header": {"frame_id": frame}, "start_state": state(), "group_name": "ur_manipulator",
                  "link_name": "tool0", "waypoints": list(waypoints), "max_step": 0.01, "avoid_collisions": True,
                  **more}  # fmt: skip
-        answer = await lab.peer.call("/compute_cartesian_path", f"{SRV}/GetCartesianPath", **asked)
+        answer = await lab.peer.call("/compute_cartesian_path", f"{SRV}/GetCartesianPath", **fields)
         return {**answer, "trajectory": answer["solution"]}
 
     whole = await path(moved(0.0, 0.1), moved(-0.1, 0.1))
@@ -508,21 +508,21 @@ async def test_objects_come_move_and_go_on_topics(lab: Lab) -> None:
     monitored = {"echo": "/monitored_planning_scene", "type": f"{MSG}/PlanningScene", "latched": True}
 
     async def ids() -> dict[str, float]:
-        heard = (await lab.peer.ask(**monitored))["world"]["collision_objects"]
+        heard = (await lab.peer.request(**monitored))["world"]["collision_objects"]
         return {one["id"]: one["pose"]["position"]["x"] for one in heard}
 
-    await lab.peer.ask(**monitored)
+    await lab.peer.request(**monitored)
     post = {"id": "post", "header": {"frame_id": "base_link"}, "pose": pose((0.5, 0.0, 0.5)), **POST}
-    await lab.peer.ask(**topic, message=post)
+    await lab.peer.request(**topic, message=post)
     assert await ids() == {"post": pytest.approx(0.5)}
     moved = {"id": "post", "header": {"frame_id": "base_link"}, "pose": pose((0.6, 0.0, 0.5)), "operation": "MOVE"}
-    await lab.peer.ask(**topic, message=moved)
+    await lab.peer.request(**topic, message=moved)
     assert await ids() == {"post": pytest.approx(0.6)}
     lid = {"primitives": [{"type": BOX, "dimensions": [0.3, 0.3, 0.02]}], "primitive_poses": [pose((0.0, 0.0, 0.5))]}
-    await lab.peer.ask(**topic, message={**moved, "operation": "APPEND", **lid})
-    (grown,) = (await lab.peer.ask(**monitored))["world"]["collision_objects"]
+    await lab.peer.request(**topic, message={**moved, "operation": "APPEND", **lid})
+    (grown,) = (await lab.peer.request(**monitored))["world"]["collision_objects"]
     assert [one["dimensions"][0] for one in grown["primitives"]] == [0.1, 0.3]
-    await lab.peer.ask(**topic, message={"id": "post", "operation": "REMOVE"})
+    await lab.peer.request(**topic, message={"id": "post", "operation": "REMOVE"})
     assert await ids() == {}
 
 
@@ -589,8 +589,8 @@ async def test_an_attached_object_moves_with_the_arm(lab: Lab) -> None:
 async def move(lab: Lab, wait: bool = True, **more: Any) -> dict[str, Any]:
     options = more.pop("planning_options", {})
     goal = {"request": request(**more), "planning_options": options}
-    assert (await lab.peer.ask(goal="/move_action", type=f"{ACTION}/MoveGroup", request=goal))["accepted"]
-    return await lab.peer.ask(result="/move_action") if wait else {}
+    assert (await lab.peer.request(goal="/move_action", type=f"{ACTION}/MoveGroup", request=goal))["accepted"]
+    return await lab.peer.request(result="/move_action") if wait else {}
 
 
 async def moves(lab: Lab) -> None:
@@ -626,30 +626,30 @@ async def test_a_plan_is_executed_later_and_stopped(lab: Lab) -> None:
     planned = await plan(lab, start=stands(lab), goal=joint_goal(HOME))
     order = {"goal": "/execute_trajectory", "type": f"{ACTION}/ExecuteTrajectory"}
     trajectory = {"trajectory": planned["trajectory"]}
-    assert (await lab.peer.ask(**order, request=trajectory))["accepted"]
-    answer = await lab.peer.ask(result="/execute_trajectory")
+    assert (await lab.peer.request(**order, request=trajectory))["accepted"]
+    answer = await lab.peer.request(result="/execute_trajectory")
     assert answer["status"] == SUCCEEDED, answer
     await rests(lab, HOME)
     # from elsewhere it is refused
     moved = await plan(lab, start=GOAL, goal=joint_goal(START))
-    assert (await lab.peer.ask(**order, request={"trajectory": moved["trajectory"]}))["accepted"]
-    answer = await lab.peer.ask(result="/execute_trajectory")
+    assert (await lab.peer.request(**order, request={"trajectory": moved["trajectory"]}))["accepted"]
+    answer = await lab.peer.request(result="/execute_trajectory")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (ABORTED, -4)
     assert says(answer["result"]["error_code"], "plan again")
 
     slow = await plan(lab, start=stands(lab), max_velocity_scaling_factor=SLOW)
-    assert (await lab.peer.ask(**order, request={"trajectory": slow["trajectory"]}))["accepted"]
+    assert (await lab.peer.request(**order, request={"trajectory": slow["trajectory"]}))["accepted"]
     await moves(lab)
-    await lab.peer.ask(publish="/trajectory_execution_event", type="std_msgs/msg/String", message={"data": "stop"})
-    answer = await lab.peer.ask(result="/execute_trajectory")
+    await lab.peer.request(publish="/trajectory_execution_event", type="std_msgs/msg/String", message={"data": "stop"})
+    answer = await lab.peer.request(result="/execute_trajectory")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (ABORTED, -7)
     assert max(abs(a - b) for a, b in zip(stands(lab), GOAL, strict=True)) > 0.1
 
 
 async def test_a_motion_is_canceled(lab: Lab) -> None:
     await move(lab, wait=False, max_velocity_scaling_factor=SLOW, goal=joint_goal(START))
-    assert len((await lab.peer.ask(cancel="/move_action"))["goals_canceling"]) == 1
-    answer = await lab.peer.ask(result="/move_action")
+    assert len((await lab.peer.request(cancel="/move_action"))["goals_canceling"]) == 1
+    answer = await lab.peer.request(result="/move_action")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (CANCELED, -7)
 
 
@@ -658,7 +658,7 @@ async def test_a_motion_ends_when_its_path_is_blocked(lab: Lab) -> None:
     await move(lab, wait=False, max_velocity_scaling_factor=SLOW)
     await moves(lab)
     assert await put(lab, "post", (0.5, 0.0, 0.5))
-    answer = await lab.peer.ask(result="/move_action")
+    answer = await lab.peer.request(result="/move_action")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (ABORTED, -3), answer["result"]["error_code"]
     assert says(answer["result"]["error_code"], "post")
     # again, around it

@@ -33,7 +33,7 @@ async def test_controllers_are_switched_as_a_whole_or_not_at_all(lab: Lab) -> No
     turning = {"data": [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]}
     async with timeout(60.0):  # the first message may be lost, while both sides still meet
         while q(lab)[5] < HOME[5] + 0.05:
-            await lab.peer.ask(
+            await lab.peer.request(
                 publish="/forward_velocity_controller/commands", type="std_msgs/msg/Float64MultiArray", message=turning
             )
     await only(lab)
@@ -74,7 +74,7 @@ async def test_a_controller_of_ones_own_is_loaded_and_unloaded(lab: Lab, tmp_pat
     assert (await states(lab))[name] == "unconfigured"
     assert await do("configure")
     assert (await states(lab))[name] == "inactive"
-    assert f"/{name}" in (await lab.peer.ask(graph=True))["nodes"]
+    assert f"/{name}" in (await lab.peer.request(graph=True))["nodes"]
     assert await do("unload")
     assert name not in await states(lab)
     answer = await lab.peer.call(
@@ -144,8 +144,8 @@ async def test_the_hardware_component(lab: Lab) -> None:
         )
 
     async def set_io(state: float) -> bool:
-        asked = await lab.peer.call("/io_and_status_controller/set_io", "ur_msgs/srv/SetIO", fun=1, pin=3, state=state)
-        return bool(asked["success"])
+        answer = await lab.peer.call("/io_and_status_controller/set_io", "ur_msgs/srv/SetIO", fun=1, pin=3, state=state)
+        return bool(answer["success"])
 
     async def diagnosed(name: str) -> dict[str, Any]:
         message = await lab.peer.echo("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", new=True)

@@ -50,7 +50,7 @@ def lacking(node: str, wanted: dict[str, Any], found: dict[str, dict[str, list[s
 
 async def test_nodes_topics_services_and_actions_are_those_of_the_official_driver(lab: Lab) -> None:
     """Each of them, as the table in docs/ros2_interfaces.md has it: absent is what the table says, and nothing else."""
-    graph = (await lab.peer.ask(graph=True))["nodes"]
+    graph = (await lab.peer.request(graph=True))["nodes"]
     for name, wanted in OFFICIAL.items():
         if "node" in wanted.get("absent", {}):
             assert f"/{name}" not in graph

@@ -60,7 +60,7 @@ async def test_goals_that_make_no_sense_are_refused_and_move_nothing(lab: Lab) -
         trajectory((HOME[:3], 1.0)),
         {},
     ):
-        assert not (await lab.peer.ask(goal=action, type=FOLLOW, request={"trajectory": bad}))["accepted"], bad
+        assert not (await lab.peer.request(goal=action, type=FOLLOW, request={"trajectory": bad}))["accepted"], bad
     assert not await begin(lab, "joint_trajectory_controller", HOME, 1.0)  # it is not active
     assert not await begin(lab, SCALED, HOME, 1.0, path_tolerance=[{"name": "knee_joint", "position": 1.0}])
     assert q(lab) == pytest.approx(HOME, abs=1e-3)
@@ -68,7 +68,7 @@ async def test_goals_that_make_no_sense_are_refused_and_move_nothing(lab: Lab) -
 
 async def test_a_goal_is_canceled(lab: Lab) -> None:
     assert await begin(lab, SCALED, shifted(1.0), 8.0)
-    answer = await lab.peer.ask(cancel=f"/{SCALED}/follow_joint_trajectory")
+    answer = await lab.peer.request(cancel=f"/{SCALED}/follow_joint_trajectory")
     assert len(answer["goals_canceling"]) == 1
     assert (await result(lab, SCALED))["status"] == CANCELED
 
@@ -92,7 +92,7 @@ async def test_a_violated_tolerance_aborts(lab: Lab) -> None:
 
 async def until_contact(lab: Lab, target: Any, seconds: float, **more: Any) -> bool:
     goal = {"trajectory": trajectory((target, seconds)), **more}
-    answer = await lab.peer.ask(goal=UNTIL, type="ur_msgs/action/FollowJointTrajectoryUntil", request=goal)
+    answer = await lab.peer.request(goal=UNTIL, type="ur_msgs/action/FollowJointTrajectoryUntil", request=goal)
     return bool(answer["accepted"])
 
 
@@ -105,7 +105,7 @@ async def test_a_trajectory_until_the_tool_touches_something(lab: Lab) -> None:
     await settled(lambda: not watching.watching)
 
     assert await until_contact(lab, shifted(0.4), 1.0)
-    answer = await lab.peer.ask(result=UNTIL)
+    answer = await lab.peer.request(result=UNTIL)
     assert (answer["status"], answer["result"]["error_code"]) == (SUCCEEDED, 0)
     assert answer["result"]["until_condition_result"] == NOT_TRIGGERED
     assert answer["feedback"][0]["joint_names"] == list(JOINT_NAMES)
@@ -114,15 +114,15 @@ async def test_a_trajectory_until_the_tool_touches_something(lab: Lab) -> None:
 
     assert await until_contact(lab, shifted(-1.0), 10.0)
     assert not await until_contact(lab, shifted(0.4), 1.0)  # one at a time
-    assert len((await lab.peer.ask(cancel=UNTIL))["goals_canceling"]) == 1
-    answer = await lab.peer.ask(result=UNTIL)
+    assert len((await lab.peer.request(cancel=UNTIL))["goals_canceling"]) == 1
+    answer = await lab.peer.request(result=UNTIL)
     assert answer["status"] == CANCELED
     assert "Trajectory action was canceled." in answer["result"]["error_string"]
     await settled(lambda: not watching.watching)
 
     assert await until_contact(lab, moved_down(), 10.0)
     lab.robot.controller.external_wrench = (0.0, 0.0, 60.0, 0.0, 0.0, 0.0)
-    answer = await lab.peer.ask(result=UNTIL)
+    answer = await lab.peer.request(result=UNTIL)
     lab.robot.controller.external_wrench = (0.0,) * 6
     assert (answer["status"], answer["result"]["error_code"]) == (SUCCEEDED, 0)
     assert answer["result"]["until_condition_result"] == TRIGGERED
@@ -166,7 +166,7 @@ def primitive(kind: int, *targets: Any, blend: float = 0.0, **arguments: float) 
 
 async def begin_sequence(lab: Lab, *primitives: dict[str, Any]) -> bool:
     goal = {"trajectory": {"motions": list(primitives)}}
-    return bool((await lab.peer.ask(goal=SEQUENCE, type=EXECUTE_SEQUENCE, request=goal))["accepted"])
+    return bool((await lab.peer.request(goal=SEQUENCE, type=EXECUTE_SEQUENCE, request=goal))["accepted"])
 
 
 def tcp(lab: Lab) -> tuple[float, ...]:
@@ -180,7 +180,9 @@ async def test_motion_primitives_in_frames_of_the_arm_and_of_others(lab: Lab) ->
     up = pose_trans((0.0, 0.0, 0.05, 0.0, 0.0, 0.0), start)
     aside = pose_trans((0.0, 0.04, 0.02, 0.0, 0.0, 0.0), start)
     links = [link("world", "table", TABLE), link("base_link", "world", WORLD)]
-    await lab.peer.ask(publish="/tf_static", type="tf2_msgs/msg/TFMessage", latched=True, message={"transforms": links})
+    await lab.peer.request(
+        publish="/tf_static", type="tf2_msgs/msg/TFMessage", latched=True, message={"transforms": links}
+    )
     table_in_base = pose_trans(pose_inv(BASE), pose_trans(WORLD, TABLE))
     in_table = stamped(pose_trans(pose_inv(table_in_base), up), "table")
     assert await begin_sequence(
@@ -189,11 +191,11 @@ async def test_motion_primitives_in_frames_of_the_arm_and_of_others(lab: Lab) ->
         primitive(LINE, in_table, blend=0.01, velocity=0.2, acceleration=0.8, zeal=1.0),
         primitive(ARC, stamped(start), stamped(aside, "base"), velocity=0.2, acceleration=0.8),
     )
-    answer = await lab.peer.ask(result=SEQUENCE)
+    answer = await lab.peer.request(result=SEQUENCE)
     assert (answer["status"], answer["result"]["error_code"]) == (SUCCEEDED, 0)
     assert point_dist(tcp(lab), start) < 1e-3
     assert await begin_sequence(lab, primitive(LINE, in_table, velocity=0.2, acceleration=0.8))
-    assert (await lab.peer.ask(result=SEQUENCE))["status"] == SUCCEEDED
+    assert (await lab.peer.request(result=SEQUENCE))["status"] == SUCCEEDED
     assert point_dist(tcp(lab), up) < 1e-3
 
 
@@ -216,10 +218,10 @@ async def test_motion_primitives_that_make_no_sense_or_are_canceled(lab: Lab) ->
     assert q(lab) == pytest.approx(HOME, abs=1e-3)
     assert await begin_sequence(lab, primitive(JOINT, shifted(1.5), move_time=20.0))
     assert not await begin_sequence(lab, good)  # one at a time
-    assert len((await lab.peer.ask(cancel=SEQUENCE))["goals_canceling"]) == 1
-    assert (await lab.peer.ask(result=SEQUENCE))["status"] == CANCELED
+    assert len((await lab.peer.request(cancel=SEQUENCE))["goals_canceling"]) == 1
+    assert (await lab.peer.request(result=SEQUENCE))["status"] == CANCELED
     assert await begin_sequence(lab, good)
-    assert (await lab.peer.ask(result=SEQUENCE))["status"] == SUCCEEDED
+    assert (await lab.peer.request(result=SEQUENCE))["status"] == SUCCEEDED
 
 
 async def test_where_a_trajectory_will_be_and_how_fast_its_time_passes(lab: Lab) -> None:
@@ -240,7 +242,7 @@ async def test_where_a_trajectory_will_be_and_how_fast_its_time_passes(lab: Lab)
     scaling, factor = f"/{controller}/speed_scaling_input", "control_msgs/msg/SpeedScalingFactor"
     its = lab.driver.robot.manager.controller(controller)
     for number in (0.25, -1.0, 1.0) if interface_if_any(factor) else ():  # Humble has none
-        await lab.peer.ask(publish=scaling, type=factor, latched=True, message={"factor": number})
+        await lab.peer.request(publish=scaling, type=factor, latched=True, message={"factor": number})
         if number > 0.0:
             await settled(lambda number=number: its.scaling == number)  # type: ignore[misc]
-    await lab.peer.ask(cancel=f"/{controller}/follow_joint_trajectory")
+    await lab.peer.request(cancel=f"/{controller}/follow_joint_trajectory")

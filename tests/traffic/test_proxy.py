@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from client import BlockingDashboardClient, BlockingPrimaryClient, BlockingRTDEClient, dashboard
 from client.cli import app
 from client.errors import RobotUnreachableError
-from client.traffic.ports import ask_identity
+from client.traffic.ports import query_identity
 from client.traffic.proxy import Proxy, Route, robot_routes
 from client.traffic.recording import TrafficRecorder, TrafficRecording
 from client.traffic.tracks import tracks_of
@@ -183,7 +183,7 @@ async def test_a_session_with_an_emulator(tmp_path: Path):
             for route in robot_routes(HOST)
             if route.name in emulator.ports
         ]
-        comments = await ask_identity(HOST, emulator.ports["dashboard"] - dashboard.PORT)
+        comments = await query_identity(HOST, emulator.ports["dashboard"] - dashboard.PORT)
         recorder = TrafficRecorder(tmp_path / "session.pcapng", comments)
         async with Proxy(routes, recorder, lambda text: None) as proxy:
             seen = await asyncio.to_thread(use, proxy.ports)
@@ -204,7 +204,7 @@ def use(ports: dict[str, int]) -> list[dict]:
         BlockingRTDEClient(HOST, ["timestamp", "actual_q"], port=ports["rtde"]) as states,
         BlockingPrimaryClient(HOST, ports["primary"]) as primary,
     ):
-        panel.ask(dashboard.ROBOT_MODE)
+        panel.request(dashboard.ROBOT_MODE)
         primary.run(primary.core.run_script("def prog():\n  movej([0.1, -1.5, 0, -1.5, 0, 0])\nend\n"))
         return [dict(states.receive()) for _ in range(100)]
 

@@ -69,15 +69,15 @@ async def test_an_unrecorded_variable_is_not_found_and_reported(recording):
 
 
 async def test_the_dashboard_gives_the_recorded_answers(recording):
-    def ask(port: int) -> bool:
+    def send_request(port: int) -> bool:
         with BlockingDashboardClient(HOST, port) as panel:
-            answer = panel.ask(dashboard.IS_RUNNING)
+            answer = panel.request(dashboard.IS_RUNNING)
             with pytest.raises(RobotRefused, match="could not understand: 'power on'"):
-                panel.ask(dashboard.POWER_ON)
+                panel.request(dashboard.POWER_ON)
         return answer
 
     async with ReplayRobot(recording, HOST, free_ports=True) as robot:
-        assert await asyncio.to_thread(ask, robot.ports["dashboard"]) is False
+        assert await asyncio.to_thread(send_request, robot.ports["dashboard"]) is False
 
 
 async def test_looped_states_restart(recording):
@@ -184,8 +184,8 @@ def test_answers_follow_the_recording_and_repeat_the_last_one():
 def test_modbus_answers_any_transaction_id_and_refuses_unrecorded_reads():
     requests = RequestLog()
     requests.add(bytes.fromhex("0000 0006 01 03 0080 0001"), bytes.fromhex("0000 0005 01 03 02 002a"))
-    asked = bytes.fromhex("1234 0000 0006 01 03 0080 0001")
-    assert answer_modbus(requests, asked) == bytes.fromhex("1234 0000 0005 01 03 02 002a")
+    request = bytes.fromhex("1234 0000 0006 01 03 0080 0001")
+    assert answer_modbus(requests, request) == bytes.fromhex("1234 0000 0005 01 03 02 002a")
     other = bytes.fromhex("1235 0000 0006 01 03 0081 0001")
     assert answer_modbus(requests, other) == bytes.fromhex("1235 0000 0003 01 83 02")
 

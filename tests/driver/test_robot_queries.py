@@ -39,21 +39,21 @@ def turned(angle_rad: float) -> tuple[float, ...]:
 
 
 async def test_forward_and_inverse_kinematics(lab, geometry):
-    ask = lab.arm.kinematics
-    assert await ask.forward() == pytest.approx(geometry.forward(HOME), abs=1e-9)
-    assert await ask.forward(OTHER, TOOL) == pytest.approx(geometry.forward(OTHER, TOOL), abs=1e-9)
+    kinematics = lab.arm.kinematics
+    assert await kinematics.forward() == pytest.approx(geometry.forward(HOME), abs=1e-9)
+    assert await kinematics.forward(OTHER, TOOL) == pytest.approx(geometry.forward(OTHER, TOOL), abs=1e-9)
     pose = geometry.forward(OTHER, TOOL)
-    assert await ask.inverse(pose, OTHER, TOOL) == pytest.approx(OTHER, abs=1e-8)
-    assert await ask.inverse((9, 9, 9, 0, 0, 0)) is None
-    assert await ask.has_solution(pose, OTHER, TOOL)
-    assert not await ask.has_solution((9, 9, 9, 0, 0, 0))
-    assert await ask.pose_within_limits(geometry.forward(OTHER))
-    assert not await ask.pose_within_limits((9, 9, 9, 0, 0, 0))
-    assert await ask.joints_within_limits(OTHER)
-    assert not await ask.joints_within_limits((0, -7, 0, 0, 0, 0))
+    assert await kinematics.inverse(pose, OTHER, TOOL) == pytest.approx(OTHER, abs=1e-8)
+    assert await kinematics.inverse((9, 9, 9, 0, 0, 0)) is None
+    assert await kinematics.has_solution(pose, OTHER, TOOL)
+    assert not await kinematics.has_solution((9, 9, 9, 0, 0, 0))
+    assert await kinematics.pose_within_limits(geometry.forward(OTHER))
+    assert not await kinematics.pose_within_limits((9, 9, 9, 0, 0, 0))
+    assert await kinematics.joints_within_limits(OTHER)
+    assert not await kinematics.joints_within_limits((0, -7, 0, 0, 0, 0))
     await lab.arm.set_tcp(TOOL)
     assert await lab.arm.tcp_offset() == pytest.approx(TOOL, abs=1e-6)
-    assert await ask.flange_pose() == pytest.approx(geometry.forward(HOME), abs=1e-6)
+    assert await kinematics.flange_pose() == pytest.approx(geometry.forward(HOME), abs=1e-6)
 
 
 @NEWEST
@@ -92,7 +92,7 @@ async def test_questions_beside_a_motion(lab, geometry):
     await arm.sequence([way.movej(turned(0.2)), way.movej(target)], wait=False)
     await lab.until(lambda: lab.snapshot.target_qd[0] > 0.1)
     first = await arm.progress()
-    assert (first.doing, first.running, first.point, first.points) == ("the sequence", True, 0, 2)
+    assert (first.operation, first.running, first.point, first.points) == ("the sequence", True, 0, 2)
     await lab.until(lambda: lab.q[0] > HOME[0] + 0.25)
     assert (await arm.progress()).point == 1
     assert not await arm.is_steady()
