@@ -117,8 +117,8 @@ def play(page: Page, film: Film) -> None:
     film.click(page.get_by_test_id("plan"))
     film.until(page.locator(".plan-status[data-state=good]"))
     film.click(page.get_by_test_id("plan-move"))
-    film.until(page.get_by_test_id("doing").filter(visible=True))
-    film.until(page.get_by_test_id("doing").filter(visible=False))
+    film.until(page.get_by_test_id("activity").filter(visible=True))
+    film.until(page.get_by_test_id("activity").filter(visible=False))
 
 
 def main() -> None:

@@ -76,7 +76,7 @@ def test_third_party_client_sees_jogged_joint(bent: Rig, open_page: OpenPage) ->
     try:
         with hold_button(page, "joint-2-plus"):
             eventually(lambda: watcher.getActualQ()[2] > BENT[2] + 0.05)
-            expect(page.get_by_test_id("doing")).to_have_text("Jogging")
+            expect(page.get_by_test_id("activity")).to_have_text("Jogging")
         eventually(lambda: not any(watcher.getTargetQd()))
         position = watcher.getActualQ()
         assert position[:2] == pytest.approx(BENT[:2], abs=1e-3)
@@ -102,7 +102,7 @@ def test_held_key_on_button_jogs_until_released(bent: Rig, open_page: OpenPage, 
         q = watcher.latest()["actual_q"]
         assert q[:2] == pytest.approx(BENT[:2], abs=1e-3)
         assert q[3:] == pytest.approx(BENT[3:], abs=1e-3)
-    expect(page.get_by_test_id("doing")).to_have_text("")
+    expect(page.get_by_test_id("activity")).to_have_text("")
 
 
 @pytest.mark.parametrize("lost", some(["tab", "window", "button"], now=["window"]))
@@ -166,7 +166,7 @@ def test_typed_targets_are_reached_or_refused(bent: Rig, open_page: OpenPage) ->
     type_target(page, "target-joint", goal)
     page.get_by_test_id("joints-move").click()
     eventually(lambda: tuple(map(degrees, q(bent))) == pytest.approx(goal, abs=0.05))
-    expect(page.get_by_test_id("doing")).to_have_text("")
+    expect(page.get_by_test_id("activity")).to_have_text("")
     page.get_by_test_id("target-pose").click()
     page.get_by_test_id("pose-present").click()
     x, y, z, *turn = tcp(bent)
@@ -181,11 +181,11 @@ def test_move_is_stopped(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     page.get_by_test_id("target-poses").click()
     page.get_by_test_id("go-Zero").click()
-    expect(page.get_by_test_id("doing")).to_have_text("Moving to Zero")
+    expect(page.get_by_test_id("activity")).to_have_text("Moving to Zero")
     eventually(lambda: not at_rest(bent))
     page.get_by_test_id("stop-moving").click()
     eventually(lambda: at_rest(bent))
-    expect(page.get_by_test_id("doing")).to_have_text("")
+    expect(page.get_by_test_id("activity")).to_have_text("")
     assert dist(q(bent), (0.0,) * 6) > 0.5
 
 
@@ -205,19 +205,19 @@ def test_freedrive_lasts_while_button_is_held(bent: Rig, open_page: OpenPage) ->
     page = open_page("move")
     before = tcp(bent)
     with hold_button(page, "freedrive"):
-        expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
+        expect(page.get_by_test_id("activity")).to_have_text("Freedrive")
         bent.control.push_tool([0.0, 0.0, 40.0, 0.0, 0.0, 0.0])
         eventually(lambda: tcp(bent)[2] > before[2] + 0.005)
-    expect(page.get_by_test_id("doing")).to_have_text("")
+    expect(page.get_by_test_id("activity")).to_have_text("")
     bent.control.release_tool()
     page.get_by_test_id("freedrive-keep").click()
-    expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
+    expect(page.get_by_test_id("activity")).to_have_text("Freedrive")
     page.get_by_test_id("freedrive-keep").click()
-    expect(page.get_by_test_id("doing")).to_have_text("")
+    expect(page.get_by_test_id("activity")).to_have_text("")
     with hold_button(page, "freedrive"):
-        expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
+        expect(page.get_by_test_id("activity")).to_have_text("Freedrive")
         page.evaluate(FROZEN)
-        expect(page.get_by_test_id("doing")).to_have_text("")
+        expect(page.get_by_test_id("activity")).to_have_text("")
 
 
 @pytest.mark.long
@@ -226,7 +226,7 @@ def test_two_browsers_stay_in_step_and_only_one_jogs(bent: Rig, open_page: OpenP
     before = q(bent)
     with hold_button(one, "joint-0-plus"):
         eventually(lambda: q(bent)[0] > before[0] + 0.05)
-        expect(other.get_by_test_id("doing")).to_have_text("Jogging")
+        expect(other.get_by_test_id("activity")).to_have_text("Jogging")
         other.get_by_test_id("joint-1-plus").dispatch_event("pointerdown")
         expect(other.get_by_text("another operation is in progress")).to_be_visible()
     eventually(lambda: at_rest(bent))

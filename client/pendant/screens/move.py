@@ -68,8 +68,8 @@ def _stop_button(page: Page) -> None:
 def _status_line(page: Page) -> None:
     """The present motion, and why it is slow or why none is permitted."""
     with ui.element("div").classes("move-status"):
-        chip = page.live.text(lambda station: station.mover.activity, "chip move-doing")
-        chip.props("data-testid=doing")
+        chip = page.live.text(lambda station: station.mover.activity, "chip move-activity")
+        chip.props("data-testid=activity")
         page.live.bind(chip, "state", _activity_state)
         slowed = page.live.text(_status_text, "move-slowed")
         slowed.props("data-testid=slowed")
