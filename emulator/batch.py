@@ -1,6 +1,6 @@
 """Runs a file of URScript programs to its end: submits the programs, reports messages, and determines the result.
 
-    batch = Batch(controller, file, say=print)
+    batch = Batch(controller, file, print_line=print)
     while not batch.done:
         batch.tick()
 
@@ -43,7 +43,7 @@ class Stimulus:
 class Batch:
     """One run. The programs of the file must compile for the controller's version.
 
-    say: called with every line of the report. trace: also report every executed statement.
+    print_line: called with every line of the report. trace: also report every executed statement.
     timeout_s: maximum robot time [s]. answers: answers to the questions of the programs, in order, as an operator would
     type them. stimuli: actions on the controller during the run.
 
@@ -55,7 +55,7 @@ class Batch:
         self,
         controller: Controller,
         file: ScriptFile,
-        say: Callable[[str], None],
+        print_line: Callable[[str], None],
         *,
         trace: bool = False,
         timeout_s: float | None = None,
@@ -66,7 +66,7 @@ class Batch:
         self.failure = ""
         self._controller = controller
         self._file = file
-        self._say = say
+        self._print_line = print_line
         self._timeout_s = timeout_s
         self._began_s = controller.time_s
         self._answers = deque(answers)
@@ -134,7 +134,7 @@ class Batch:
     # report
 
     def _report(self, text: str) -> None:
-        self._say(f"[{self.time_s:9.3f} s] {text}")
+        self._print_line(f"[{self.time_s:9.3f} s] {text}")
 
     def _popup(self, message: PopupMessage) -> None:
         kind = "error" if message.error else "warning" if message.warning else "popup"
@@ -163,7 +163,7 @@ class Batch:
         if self._main is not None:
             error = self._file.located(error, self._main)
         self._report("runtime exception")
-        self._say(error.render(self._file.name))
+        self._print_line(error.render(self._file.name))
         self.failure = f"runtime exception: line {error.line}: {error.message}"
 
     def _safety_mode(self, message: SafetyModeMessage) -> None:

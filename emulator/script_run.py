@@ -42,26 +42,32 @@ class Outcome:
 def run(options: Namespace) -> int:
     """Compile and run the file; return the exit status."""
     try:
-        return execute(options, _say).status
+        return execute(options, _print_line).status
     except ValueError as error:
         return _usage_error(str(error))
 
 
-def execute(options: Namespace, say: Callable[[str], None]) -> Outcome:
-    """Compile and run the file, and pass each line of the report to `say`. Raises ValueError for invalid options."""
+def execute(options: Namespace, print_line: Callable[[str], None]) -> Outcome:
+    """Compile and run the file; `print_line` gets each line of the report. Raises ValueError for invalid options."""
     try:
         controller, stimuli, peers, file = _prepared(options)
     except OSError as error:
         raise ValueError(f"{error.filename or options.file}: {error.strerror}") from error
     problems = file.problems(LIBRARY_SET, controller.version)
     for problem in problems:
-        say(problem.render(file.name))
+        print_line(problem.render(file.name))
     wrong = next((problem for problem in problems if isinstance(problem, CompileError)), None)
     if wrong is not None:
         return Outcome(TROUBLE, f"does not compile: line {wrong.line}: {wrong.message}")
     faults = _injected(options, controller)
     batch = Batch(
-        controller, file, say, trace=options.trace, timeout_s=options.timeout, answers=options.answer, stimuli=stimuli
+        controller,
+        file,
+        print_line,
+        trace=options.trace,
+        timeout_s=options.timeout,
+        answers=options.answer,
+        stimuli=stimuli,
     )
     try:
         asyncio.run(_drive(batch, controller, options.speed, ScriptNetwork(options.script_network), peers))
@@ -70,7 +76,7 @@ def execute(options: Namespace, say: Callable[[str], None]) -> Outcome:
     for entry in faults.listing() if faults is not None else ():
         if entry["problem"]:
             batch.stop(f"the fault {entry['kind']} failed: {entry['problem']}")
-    say(_final_state(batch, controller))
+    print_line(_final_state(batch, controller))
     return Outcome(TROUBLE if batch.failure else SUCCESS, batch.failure, batch.time_s)
 
 
@@ -220,7 +226,7 @@ def _final_state(batch: Batch, controller: Controller) -> str:
     )
 
 
-def _say(text: str) -> None:
+def _print_line(text: str) -> None:
     sys.stdout.write(text + "\n")
 
 

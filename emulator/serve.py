@@ -130,9 +130,9 @@ def _first_steps(emulator: Emulator) -> Text:
             f"{steps}  ur_rtde connects to the usual ports only: give each of several robots its own --host 127.0.0.x"
         )
     controller = emulator.controller
-    asks = _REMOTE_CONTROL.covers(controller.version) and "dashboard" in emulator.ports and host not in _NOT_ASKED
-    asks = asks and not controller.remote_control
-    remote = "  ur_rtde requires remote control at this address: start with --remote-control\n" if asks else ""
+    has_remote_control = _REMOTE_CONTROL.covers(controller.version) and "dashboard" in emulator.ports
+    is_required = has_remote_control and host not in _SIMULATOR_ADDRESSES and not controller.remote_control
+    remote = "  ur_rtde requires remote control at this address: start with --remote-control\n" if is_required else ""
     return Text(
         f"{steps}{remote}"
         "  pip install ur-rtde    # then in Python, once the brakes are released:\n"
@@ -144,7 +144,7 @@ def _first_steps(emulator: Emulator) -> Text:
 
 _ANY: Final = "0.0.0.0"
 _REMOTE_CONTROL: Final = COMMANDS["is in remote control"].available
-_NOT_ASKED: Final = ("127.0.0.1", "localhost", "192.168.56.101")  # addresses that ur_rtde takes for a simulator
+_SIMULATOR_ADDRESSES: Final = ("127.0.0.1", "localhost", "192.168.56.101")  # what ur_rtde takes for a simulator
 _MISSING: Final = (
     "No teach pendant: its packages are not installed. Run pip install '.[pendant]' in the folder of ur-emulator, or "
     "use --no-pendant to omit this line."
@@ -157,12 +157,12 @@ _STEADY_S: Final = 60.0  # guess: a pendant that ran for this long did not fail 
 
 
 class Pendant:
-    """The pendant of a running emulator while the context is entered. tell: called with a line for each change."""
+    """The pendant of a running emulator while the context is entered. announce: called with a line for each change."""
 
-    def __init__(self, emulator: Emulator, port: int, tell: Callable[[str], object]) -> None:
+    def __init__(self, emulator: Emulator, port: int, announce: Callable[[str], object]) -> None:
         self._emulator = emulator
         self._port = port
-        self._tell = tell
+        self._announce = announce
         self._process: Process | None = None
         self._keeping: asyncio.Task[None] | None = None
         self._state = "starting"
@@ -230,7 +230,7 @@ class Pendant:
                 return
             wait_s = _BACKOFF_S[failures - 1]
             self._state, self._problem = "waiting", f"it {how}"
-            self._tell(f"The teach pendant {how}: restarting it in {wait_s:g} s.")
+            self._announce(f"The teach pendant {how}: restarting it in {wait_s:g} s.")
             await asyncio.sleep(wait_s)
 
     async def _run_once(self) -> tuple[str, int]:
@@ -242,12 +242,12 @@ class Pendant:
         line = (await process.stdout.readline()).decode().strip()
         if line:
             self._state = "running"
-            self._tell(line if self._starts == 1 else f"{line} (restarted: start {self._starts})")
+            self._announce(line if self._starts == 1 else f"{line} (restarted: start {self._starts})")
         return line, await process.wait()
 
     def _give_up(self, why: str) -> None:
         self._state, self._problem = "given up", why
-        self._tell(why)
+        self._announce(why)
 
     def _command(self) -> list[str]:
         return [*module_command("client", "-u"), "pendant", *self._options(), "--with-parent"]

@@ -61,28 +61,28 @@ def close_popup(host: ProgramHost) -> None:
 @LIBRARY.builtin()
 def request_boolean_from_primary_client(host: ProgramHost, Text: Str) -> Frames[bool]:
     """Ask the operator for a boolean and wait for the answer."""
-    return bool((yield from _ask(host, Text, RequestedType.BOOLEAN)))
+    return bool((yield from _request_value(host, Text, RequestedType.BOOLEAN)))
 
 
 @LIBRARY.builtin()
 def request_integer_from_primary_client(host: ProgramHost, Text: Str) -> Frames[int]:
     """Ask the operator for an integer and wait for the answer."""
-    return int((yield from _ask(host, Text, RequestedType.INTEGER)))
+    return int((yield from _request_value(host, Text, RequestedType.INTEGER)))
 
 
 @LIBRARY.builtin()
 def request_float_from_primary_client(host: ProgramHost, Text: Str) -> Frames[float]:
     """Ask the operator for a number and wait for the answer."""
-    return float((yield from _ask(host, Text, RequestedType.FLOAT)))
+    return float((yield from _request_value(host, Text, RequestedType.FLOAT)))
 
 
 @LIBRARY.builtin()
 def request_string_from_primary_client(host: ProgramHost, Text: Str) -> Frames[str]:
     """Ask the operator for a string and wait for the answer."""
-    return str((yield from _ask(host, Text, RequestedType.STRING)))
+    return str((yield from _request_value(host, Text, RequestedType.STRING)))
 
 
-def _ask(host: ProgramHost, text: str, kind: RequestedType) -> Frames[Any]:
+def _request_value(host: ProgramHost, text: str, kind: RequestedType) -> Frames[Any]:
     question: Popup = host.remember(host.machine.popups.request(_popup_text(text), kind))
     while question.open:
         yield

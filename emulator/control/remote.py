@@ -39,14 +39,14 @@ class ControlClient:
 
     def verbs(self) -> list[dict[str, Any]]:
         """List the verbs: name, text and arguments of each. Raises NoControlError."""
-        listed: list[dict[str, Any]] = self._ask("GET", "/verbs", None)
+        listed: list[dict[str, Any]] = self._request("GET", "/verbs", None)
         return listed
 
     def call(self, verb: str, arguments: Mapping[str, Any]) -> Any:
         """The result of a verb. Raises BadArguments, NotPossible, AttributeError if it is unknown, NoControlError."""
-        return self._ask("POST", f"/verbs/{verb}", arguments)["result"]
+        return self._request("POST", f"/verbs/{verb}", arguments)["result"]
 
-    def _ask(self, method: str, path: str, arguments: Mapping[str, Any] | None) -> Any:
+    def _request(self, method: str, path: str, arguments: Mapping[str, Any] | None) -> Any:
         body = None if arguments is None else json.dumps(arguments).encode()
         try:
             self._http.request(method, path, body, self._headers)

@@ -125,7 +125,7 @@ class Player:
         if tree is None:
             return submission
         if tree.needs_external_control:
-            self._ask(tree, submission, start_at)
+            self._request_driver_program(tree, submission, start_at)
         else:
             file, version = self._machine.installation.file, self._machine.version
             submission.translation = script_steps(tree, file, version=version, start_at=start_at)
@@ -153,7 +153,7 @@ class Player:
         pending.submission.accepted = False
         return True
 
-    def _ask(self, tree: ProgramTree, submission: Submission, start_at: int) -> None:
+    def _request_driver_program(self, tree: ProgramTree, submission: Submission, start_at: int) -> None:
         machine = self._machine
         address = machine.external_control.complete
         machine.messages.note(f"External Control requests its program from {address[0]}:{address[1]}")

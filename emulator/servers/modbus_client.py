@@ -49,7 +49,7 @@ class ModbusClient:
         self._connections: dict[ModbusUnit, _UnitConnection] = {}
         self._closing: list[_UnitConnection] = []
 
-    def ask(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
+    def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         """Send a request to a unit; the exchange that is returned gets the answer."""
         exchange = ModbusExchange()
         try:

@@ -51,7 +51,7 @@ class ModbusExchange:
 class ModbusBackend(Protocol):
     """Connections to units. No method fails or waits: errors are outcomes of the exchange."""
 
-    def ask(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
+    def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         """Send a request. ``sequential``: not while another one to the unit is unanswered."""
         ...
 
@@ -71,7 +71,7 @@ class ModbusBackend(Protocol):
 class NoModbusNetwork:
     """Backend of a controller without servers: the network is unreachable."""
 
-    def ask(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
+    def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         exchange = ModbusExchange()
         exchange.complete(connection_error=errno.ENETUNREACH)
         return exchange
@@ -129,7 +129,7 @@ class MemoryModbus:
         self.resets: list[str] = []
         self._waiting: list[tuple[ModbusUnit, ModbusRequest, ModbusExchange]] = []
 
-    def ask(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
+    def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         exchange = ModbusExchange()
         if unit in self.silent:
             self._waiting.append((unit, request, exchange))
@@ -264,10 +264,10 @@ class ModbusSignal:
             self._take(exchange, step)
         return self._due if 0 <= self._due <= step else None
 
-    def ask(self, step: int, frames_a_second: float, backend: ModbusBackend) -> None:
+    def send_request(self, step: int, frames_a_second: float, backend: ModbusBackend) -> None:
         """Send the signal's request."""
         self._due = self._next_turn(step, frames_a_second)
-        self._exchange = backend.ask(self.unit, self._request(), sequential=self.sequential)
+        self._exchange = backend.request(self.unit, self._request(), sequential=self.sequential)
 
     def _next_turn(self, step: int, frames_a_second: float) -> int:
         if self.frequency_hz <= 0:
@@ -456,7 +456,7 @@ class ModbusSignals:
             if since is not None and (signal.unit not in first or since < first[signal.unit][0]):
                 first[signal.unit] = (since, signal)
         for _, signal in first.values():
-            signal.ask(step, self._frames_a_second, self.backend)
+            signal.send_request(step, self._frames_a_second, self.backend)
 
     def program_started(self) -> None:
         """A main program begins."""

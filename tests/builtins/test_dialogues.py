@@ -9,7 +9,7 @@ from urproto.primary.messages import PopupMessage, TextMessage
 from urproto.primary.program_state import VariableMessage
 
 
-def ask(rig, kind):
+def ask_operator(rig, kind):
     rig.start(f'textmsg(request_{kind}_from_primary_client("?"))')
     rig.until(lambda: bool(rig.controller.popups.shown), 1.0)
 
@@ -26,7 +26,7 @@ def ask(rig, kind):
     ],
 )
 def test_operator_answers_on_a_script_port(rig, kind, typed, seen):
-    ask(rig, kind)
+    ask_operator(rig, kind)
     rig.controller.post(ScriptUnit(f"answer question {typed}\n", "line"))
     rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
     assert rig.texts == [seen]
@@ -47,7 +47,7 @@ def test_operator_answers_on_a_script_port(rig, kind, typed, seen):
     ],
 )
 def test_an_answer_of_the_wrong_type_leaves_the_question_open(rig, kind, value):
-    ask(rig, kind)
+    ask_operator(rig, kind)
     replies = []
     rig.controller.post(PopupAnswer(rig.controller.popups.shown[0].request_id, value), replies.append)
     rig.tick(2)
@@ -58,7 +58,7 @@ def test_an_answer_of_the_wrong_type_leaves_the_question_open(rig, kind, value):
 
 @pytest.mark.parametrize("line", ["answer question maybe", "answer question 5 6"])
 def test_an_invalid_typed_answer_is_reported(rig, line):
-    ask(rig, "integer")
+    ask_operator(rig, "integer")
     rig.controller.post(ScriptUnit(f"{line}\n", "line"))
     rig.tick(2)
     assert "is not an answer" in rig.texts[0]
@@ -75,7 +75,7 @@ def test_an_answer_without_a_question_is_ignored(rig, line):
 
 
 def test_cancelled_question_ends_the_program(rig):
-    ask(rig, "integer")
+    ask_operator(rig, "integer")
     rig.controller.post(ScriptUnit("cancel question\n", "line"))
     rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
     assert "cancelled" in rig.exceptions[0].text

@@ -20,7 +20,7 @@ SERIES = pytest.mark.parametrize("model", ["ur5e", "ur5"])
 LOOP = 'socket_open("10.0.0.1", 50001, "a")\nwhile True:\n  sync()\nend'
 
 
-def ask(controller: Controller, line: str, within_s: float = 10.0) -> str:
+def request(controller: Controller, line: str, within_s: float = 10.0) -> str:
     answers: list[str] = []
     controller.post(DashboardLine(line), answers.append)
     for _ in range(round(within_s / controller.period_s)):
@@ -152,7 +152,7 @@ def test_a_protective_stop_sends_one_error_after_its_safety_mode(rig):
 def test_power_cycles_send_no_messages(make_rig, model):
     rig = make_rig(model, None)
     for line in ("power off", "power on", "brake release", "power off"):
-        ask(rig.controller, line)
+        request(rig.controller, line)
         rig.seconds(1.0)
     assert of_kind(rig.messages, KeyMessage) == []
     assert of_kind(rig.messages, SafetyModeMessage) == []
@@ -226,9 +226,9 @@ def test_rtde_clients_need_not_wait_for_the_uptime(model):
 def test_commands_are_accepted_in_local_control():
     """As in a simulator: not in remote control, and every command is executed."""
     controller = Controller(ControllerConfig(model=load_model("ur5e")))
-    assert ask(controller, "is in remote control") == "false"
-    assert ask(controller, "power on") == "Powering on"
-    assert ask(controller, "brake release") == "Brake releasing"
+    assert request(controller, "is in remote control") == "false"
+    assert request(controller, "power on") == "Powering on"
+    assert request(controller, "brake release") == "Brake releasing"
     assert _first(controller, RobotMode.RUNNING, within_s=30.0)
     controller.post(ScriptUnit("def remote():\n  sleep(0.1)\nend\n", "block"))
     for _ in range(10):

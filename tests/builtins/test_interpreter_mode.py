@@ -28,7 +28,7 @@ class Talk:
         for line in lines:
             self.rig.controller.post(InterpreterLine(line, self.answers.append))
 
-    def say(self, line: str, ticks: int = 1) -> str:
+    def request(self, line: str, ticks: int = 1) -> str:
         """Send a line; its answer, which must arrive within this many control periods."""
         before = len(self.answers)
         self.send(line)
@@ -37,19 +37,19 @@ class Talk:
         return self.answers[-1]
 
     def ack(self, line: str) -> int:
-        answer = self.say(line)
+        answer = self.request(line)
         kind, number, echo = answer.split(": ", 2)
         assert (kind, echo) == ("ack", line), answer
         return int(number)
 
     def discard(self, line: str) -> str:
-        answer = self.say(line, 3)  # resolving a known name may take a period
+        answer = self.request(line, 3)  # resolving a known name may take a period
         kind, reason, echo = answer.split(": ", 2)
         assert (kind, echo) == ("discard", line), answer
         return reason
 
     def state(self, line: str) -> int:
-        kind, number, echo = self.say(line).split(": ", 2)
+        kind, number, echo = self.request(line).split(": ", 2)
         assert (kind, echo) == ("state", line)
         return int(number)
 
@@ -399,7 +399,7 @@ def test_moves_are_executed_one_after_the_other(begun: Talk) -> None:
 def test_abort_stops_a_move_and_the_next_statement_runs(begun: Talk) -> None:
     begun.send(far(1.5), 'textmsg("stands")')
     begun.rig.seconds(0.8)
-    assert begun.say("abort") == "ack: 0: abort"
+    assert begun.request("abort") == "ack: 0: abort"
     begun.rig.until(lambda: begun.rig.texts == ["stands"], 1.0)
     assert 0.05 < begun.rig.q[0] < 1.0
     assert begun.rig.controller.motion.idle
@@ -408,7 +408,7 @@ def test_abort_stops_a_move_and_the_next_statement_runs(begun: Talk) -> None:
 def test_abort_stops_moves_of_the_program_and_of_threads(talk: Talk) -> None:
     talk.rig.start(far(1.5) + "\n" + 'textmsg("next")\nsleep(5)')
     talk.rig.seconds(0.8)
-    assert talk.say("ABORT") == "ack: 0: ABORT"
+    assert talk.request("ABORT") == "ack: 0: ABORT"
     talk.rig.until(lambda: talk.rig.texts == ["next"], 1.0)
 
 
@@ -417,7 +417,7 @@ def test_abort_stops_nothing_but_moves(begun: Talk, command: str) -> None:
     begun.send(command, "textmsg(1)")
     begun.rig.seconds(0.5)
     target = begun.rig.controller.snapshot.target_qd[0]
-    begun.say("abort")
+    begun.request("abort")
     begun.rig.tick(2)
     assert begun.rig.controller.snapshot.target_qd[0] == pytest.approx(target, abs=0.01)
     assert (begun.rig.texts == []) is not command.startswith("stopj")
@@ -427,9 +427,9 @@ def test_skipbuffer_and_abort_together(begun: Talk) -> None:
     begun.send(far(0.5), far(1.0), far(1.5), "textmsg(1)")
     begun.rig.seconds(0.4)
     assert begun.state("stateunexecuted") == 3
-    assert begun.say("skipbuffer") == "ack: 0: skipbuffer"
+    assert begun.request("skipbuffer") == "ack: 0: skipbuffer"
     assert begun.state("stateunexecuted") == 0
-    begun.say("abort")
+    begun.request("abort")
     begun.rig.until(lambda: begun.rig.controller.motion.idle, 1.0)
     assert begun.rig.q[0] < 0.5
     assert begun.rig.texts == []

@@ -267,9 +267,9 @@ def test_a_blocking_popup_closes_with_its_program(rig):
 def test_a_question_to_the_operator_waits_for_its_answer(rig):
     rig.start('textmsg(request_integer_from_primary_client("How many?"))')
     rig.seconds(0.5)
-    (asked,) = [m for m in rig.messages if isinstance(m, RequestValueMessage)]
-    assert asked.text == "How many?"
-    assert rig.controller.popups.answer(asked.request_id, 7)
+    (message,) = [m for m in rig.messages if isinstance(m, RequestValueMessage)]
+    assert message.text == "How many?"
+    assert rig.controller.popups.answer(message.request_id, 7)
     rig.tick(3)
     assert rig.texts == ["7"]
 

@@ -45,7 +45,7 @@ class Rig:
                 return self.now
         raise AssertionError(f"did not happen within {within_s} s")
 
-    def ask(self, line: str, within_s: float = 10.0) -> str:
+    def request(self, line: str, within_s: float = 10.0) -> str:
         """The dashboard's answer to a line."""
         answers: list[Any] = []
         self.controller.post(DashboardLine(line), answers.append)

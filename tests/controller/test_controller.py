@@ -148,16 +148,16 @@ def test_unsubscribed_listeners_are_no_longer_called(rig):
 
 
 def test_power_cycle(rig):
-    rig.ask("power on")
+    rig.request("power on")
     assert rig.now.robot_mode is RobotMode.BOOTING
     assert rig.now.robot_status_bits & 1
     rig.until(lambda s: s.robot_mode is RobotMode.IDLE, 1.0)
     assert set(rig.now.joint_mode) == {JointMode.IDLE}
-    rig.ask("brake release")
+    rig.request("brake release")
     rig.until(lambda s: s.robot_mode is RobotMode.RUNNING, 1.0)
     assert set(rig.now.joint_mode) == {JointMode.RUNNING}
     assert rig.now.actual_current != ZERO6
-    rig.ask("power off")
+    rig.request("power off")
     assert rig.now.robot_mode is RobotMode.POWER_OFF
     assert rig.now.actual_current == ZERO6
     assert rig.now.actual_robot_voltage == 0.0
@@ -192,12 +192,12 @@ def test_power_off_stops_arm_and_program_immediately(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
     assert ready.now.target_qd != ZERO6
-    ready.ask("power off")
+    ready.request("power off")
     assert ready.now.robot_mode is RobotMode.POWER_OFF
     ready.until(lambda s: s.target_qd == ZERO6, 0.1)  # time to release the brakes
     standing = ready.now.actual_q
     ready.until(is_state(RuntimeState.STOPPED), 1.0)
-    ready.ask("brake release")
+    ready.request("brake release")
     ready.until(lambda s: s.robot_mode is RobotMode.RUNNING, 1.0)
     ready.seconds(0.2)
     assert ready.now.actual_q == standing
@@ -216,14 +216,14 @@ def test_a_protective_stop_pauses_the_program_and_unlocking_resumes_it(ready):
     assert ready.now.safety_status_bits & 0b100
     ready.until(is_state(RuntimeState.PAUSED), 1.0)
     ready.until(lambda s: s.target_qd == ZERO6, 1.0)
-    assert ready.ask("play") == "Failed to execute: play"
+    assert ready.request("play") == "Failed to execute: play"
 
     ready.script("set unlock protective stop")
     ready.tick()
     assert ready.now.safety_mode is SafetyMode.NORMAL
     ready.seconds(0.2)
     assert ready.now.runtime_state is RuntimeState.PAUSED
-    assert ready.ask("play") == "Starting program"
+    assert ready.request("play") == "Starting program"
     ready.until(is_state(RuntimeState.STOPPED))
     assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
 
@@ -248,10 +248,12 @@ def test_messages_of_a_protective_stop_and_its_release(ready):
 def test_the_dashboard_unlocks_only_after_five_seconds(ready):
     ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
     ready.seconds(4.9)
-    assert ready.ask("unlock protective stop").startswith("Cannot unlock protective stop until 5s after occurrence.")
+    assert ready.request("unlock protective stop").startswith(
+        "Cannot unlock protective stop until 5s after occurrence."
+    )
     assert ready.now.safety_mode is SafetyMode.PROTECTIVE_STOP
     ready.seconds(0.2)
-    assert ready.ask("unlock protective stop") == "Protective stop releasing"
+    assert ready.request("unlock protective stop") == "Protective stop releasing"
     assert ready.now.safety_mode is SafetyMode.NORMAL
 
 
@@ -327,14 +329,14 @@ def test_emergency_stop(ready, event, mode, bits):
     assert ready.now.safety_status_bits & 0b1110_0000 == bits
     assert ready.now.target_qd == ZERO6
     ready.until(is_state(RuntimeState.PAUSED), 0.1)
-    assert ready.ask("power on") == "Failed to execute: power on"
+    assert ready.request("power on") == "Failed to execute: power on"
     ready.controller.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
     ready.tick()
     assert ready.now.safety_mode is SafetyMode.NORMAL
     assert ready.now.robot_mode is RobotMode.POWER_OFF
-    ready.ask("brake release")
+    ready.request("brake release")
     ready.until(lambda s: s.robot_mode is RobotMode.RUNNING, 1.0)
-    assert ready.ask("play") == "Starting program"
+    assert ready.request("play") == "Starting program"
     ready.until(is_state(RuntimeState.STOPPED))
     assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
 
@@ -361,7 +363,7 @@ def test_safeguard_stop_resumes_by_itself(ready):
 def test_closing_the_safeguard_does_not_resume_a_program_paused_before(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
-    ready.ask("pause")
+    ready.request("pause")
     ready.controller.safety_event(SafetyEvent.SAFEGUARD_OPEN)
     ready.tick()
     ready.controller.safety_event(SafetyEvent.SAFEGUARD_CLOSED)
@@ -376,8 +378,8 @@ def test_violation_stops_the_program_and_needs_a_restart(ready):
     ready.until(lambda s: s.robot_mode is RobotMode.POWER_OFF, 1.0)
     ready.until(is_state(RuntimeState.STOPPED), 1.0)
     assert ready.now.safety_mode is SafetyMode.VIOLATION
-    assert ready.ask("brake release") == "Failed to execute: brake release"
-    assert ready.ask("restart safety") == "Restarting safety"
+    assert ready.request("brake release") == "Failed to execute: brake release"
+    assert ready.request("restart safety") == "Restarting safety"
     assert ready.now.safety_mode is SafetyMode.NORMAL
     assert ready.now.robot_mode is RobotMode.POWER_OFF
 
@@ -405,14 +407,14 @@ def test_program_start_and_end(ready):
 def test_pause_holds_the_arm_on_its_path_and_play_resumes(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
-    assert ready.ask("pause") == "Pausing program"
+    assert ready.request("pause") == "Pausing program"
     assert ready.now.runtime_state is RuntimeState.PAUSED
     assert ready.now.program_paused
     assert ready.now.target_qd == ZERO6
     standing = ready.now.actual_q
     ready.seconds(0.5)
     assert ready.now.actual_q == standing
-    assert ready.ask("play") == "Starting program"
+    assert ready.request("play") == "Starting program"
     ready.until(is_state(RuntimeState.STOPPED))
     assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
 
@@ -420,7 +422,7 @@ def test_pause_holds_the_arm_on_its_path_and_play_resumes(ready):
 def test_stop_brings_the_arm_to_rest(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
-    assert ready.ask("stop") == "Stopped"
+    assert ready.request("stop") == "Stopped"
     assert ready.now.runtime_state is RuntimeState.STOPPED
     ready.seconds(0.5)
     assert ready.now.target_qd == ZERO6

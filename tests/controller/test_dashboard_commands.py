@@ -74,14 +74,14 @@ SIMPLE = [
 @pytest.mark.parametrize(("line", "reply"), SIMPLE)
 def test_reply_on_an_idle_cb3(rig, line, reply, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # reports without a programs directory
-    assert re.fullmatch(reply, rig.ask(line))
+    assert re.fullmatch(reply, rig.request(line))
 
 
 def test_without_a_programs_directory_reports_go_to_a_logged_folder(rig, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    rig.ask("saveLog")
-    rig.ask("generate flight report controller")
-    rig.ask("saveLog")
+    rig.request("saveLog")
+    rig.request("generate flight report controller")
+    rig.request("saveLog")
     (folder,) = tmp_path.iterdir()
     assert f"reports are written to {folder}" in (folder / "log_history.txt").read_text()
     assert len(list(folder.glob("flightreport_*_controller.txt"))) == 1
@@ -101,17 +101,17 @@ def test_every_command_has_help():
 
 @pytest.mark.parametrize("line", ["ROBOTMODE", "RobotMode", "  robotmode  ", "robotmode\r"])
 def test_case_and_surrounding_space_do_not_matter(rig, line):
-    assert rig.ask(line) == "Robotmode: POWER_OFF"
+    assert rig.request(line) == "Robotmode: POWER_OFF"
 
 
 @pytest.mark.parametrize("line", ["foo", "robotmode now", "loadx", "power", "is in remote control", "version", "\x00"])
 def test_commands_unknown_to_a_cb3(rig, line):
-    assert rig.ask(line) == f"could not understand: '{line}'"
+    assert rig.request(line) == f"could not understand: '{line}'"
 
 
 @pytest.mark.parametrize("line", ["", "   ", "\r"])
 def test_empty_lines_have_no_reply(rig, line):
-    assert rig.ask(line) is None
+    assert rig.request(line) is None
 
 
 E_SERIES = [
@@ -130,7 +130,7 @@ E_SERIES = [
 
 @pytest.mark.parametrize(("line", "reply"), E_SERIES)
 def test_reply_on_an_e_series(make, line, reply):
-    assert re.fullmatch(reply, make("ur5e").ask(line))
+    assert re.fullmatch(reply, make("ur5e").request(line))
 
 
 # command, last version without it, first version with it
@@ -153,32 +153,32 @@ GATES = [
 @pytest.mark.parametrize(("line", "without", "having"), GATES)
 def test_version_gates(make, line, without, having):
     model = "ur3" if without.startswith("3") else "ur3e"
-    refused = make(model, without).ask(line)
+    refused = make(model, without).request(line)
     if line == "load installation x":  # older software interprets it as a program's name
         assert refused == "File not found: installation x"
     else:
         assert refused == f"could not understand: '{line}'"
-    assert "understand" not in make(model, having).ask(line)
+    assert "understand" not in make(model, having).request(line)
 
 
 def test_load_play_pause_stop(make, programs):
     rig = make(running=True, programs_dir=programs)
-    assert rig.ask("load far.script") == "Loading program: /programs/far.script"
-    assert rig.ask("get loaded program") == "Loaded program: /programs/far.script"
-    assert rig.ask("isProgramSaved") == "true far.script"
-    assert rig.ask("programState") == "STOPPED far.script"
-    assert rig.ask("play") == "Starting program"
+    assert rig.request("load far.script") == "Loading program: /programs/far.script"
+    assert rig.request("get loaded program") == "Loaded program: /programs/far.script"
+    assert rig.request("isProgramSaved") == "true far.script"
+    assert rig.request("programState") == "STOPPED far.script"
+    assert rig.request("play") == "Starting program"
     assert rig.now.runtime_state is RuntimeState.PLAYING
-    assert rig.ask("play") == "Failed to execute: play"
-    assert rig.ask("running") == "Program running: true"
-    assert rig.ask("programState") == "PLAYING far.script"
-    assert rig.ask("pause") == "Pausing program"
-    assert rig.ask("programState") == "PAUSED far.script"
-    assert rig.ask("running") == "Program running: false"
-    assert rig.ask("play") == "Starting program"
-    assert rig.ask("stop") == "Stopped"
-    assert rig.ask("running") == "Program running: false"
-    assert rig.ask("programState") == "STOPPED far.script"
+    assert rig.request("play") == "Failed to execute: play"
+    assert rig.request("running") == "Program running: true"
+    assert rig.request("programState") == "PLAYING far.script"
+    assert rig.request("pause") == "Pausing program"
+    assert rig.request("programState") == "PAUSED far.script"
+    assert rig.request("running") == "Program running: false"
+    assert rig.request("play") == "Starting program"
+    assert rig.request("stop") == "Stopped"
+    assert rig.request("running") == "Program running: false"
+    assert rig.request("programState") == "STOPPED far.script"
 
 
 @pytest.mark.parametrize(
@@ -190,85 +190,85 @@ def test_load_play_pause_stop(make, programs):
     ],
 )
 def test_programs_are_found_by_any_name_clients_use(make, programs, name, shown):
-    assert make(programs_dir=programs).ask(f"load {name}") == f"Loading program: {shown}"
+    assert make(programs_dir=programs).request(f"load {name}") == f"Loading program: {shown}"
 
 
 @pytest.mark.parametrize("name", ["../secret.script", "/etc/passwd", "sub", ""])
 def test_nothing_outside_the_programs_directory_is_loaded(make, programs, name):
     (programs.parent / "secret.script").write_text(MOVE)
-    assert make(programs_dir=programs).ask(f"load {name}").startswith("File not found:")
+    assert make(programs_dir=programs).request(f"load {name}").startswith("File not found:")
 
 
 def test_a_file_that_is_not_a_program(make, programs):
     rig = make(programs_dir=programs)
-    assert rig.ask("load broken.txt") == "Error while loading program: broken.txt"
-    assert rig.ask("get loaded program") == "No program loaded"
+    assert rig.request("load broken.txt") == "Error while loading program: broken.txt"
+    assert rig.request("get loaded program") == "No program loaded"
 
 
 def test_loading_stops_the_running_program(make, programs):
     rig = make(running=True, programs_dir=programs)
     rig.script(MOVE)
     rig.seconds(0.3)
-    assert rig.ask("load far.script").startswith("Loading program")
+    assert rig.request("load far.script").startswith("Loading program")
     assert rig.now.runtime_state is RuntimeState.STOPPED
 
 
 def test_play_needs_released_brakes(make, programs):
     rig = make(programs_dir=programs)
-    rig.ask("load far.script")
-    assert rig.ask("play") == "Failed to execute: play"
+    rig.request("load far.script")
+    assert rig.request("play") == "Failed to execute: play"
 
 
 def test_load_installation(make, programs):
     rig = make(programs_dir=programs)
     height = rig.now.actual_TCP_pose
-    assert rig.ask("load installation cell.installation") == "Loading installation: /programs/cell.installation"
+    assert rig.request("load installation cell.installation") == "Loading installation: /programs/cell.installation"
     assert rig.now.payload == 0.5
     assert rig.now.tcp_offset == (0, 0, 0.2, 0, 0, 0)
     assert rig.now.actual_TCP_pose != height
-    assert rig.ask("load installation bad.installation") == "Failed to load installation: bad.installation"
+    assert rig.request("load installation bad.installation") == "Failed to load installation: bad.installation"
 
 
 def test_popups_open_and_close(rig):
-    rig.ask("popup mind the arm")
+    rig.request("popup mind the arm")
     assert [popup.text for popup in rig.controller.popups.shown] == ["mind the arm"]
-    rig.ask("close popup")
+    rig.request("close popup")
     assert rig.controller.popups.shown == []
 
 
 def test_operational_mode_can_be_set_and_cleared(make):
     rig = make("ur5e")
-    rig.ask("set operational mode MANUAL")
-    assert rig.ask("get operational mode") == "MANUAL"
-    rig.ask("clear operational mode")
-    assert rig.ask("get operational mode") == "NONE"
+    rig.request("set operational mode MANUAL")
+    assert rig.request("get operational mode") == "MANUAL"
+    rig.request("clear operational mode")
+    assert rig.request("get operational mode") == "NONE"
 
 
 @pytest.mark.parametrize("role", ["programmer", "OPERATOR", "none", "Locked", "restricted"])
 def test_user_roles(rig, role):
-    rig.ask(f"setUserRole {role}")
-    assert rig.ask("getUserRole") == role.upper()
+    rig.request(f"setUserRole {role}")
+    assert rig.request("getUserRole") == role.upper()
 
 
 def test_log_and_reports_are_real_files(make, programs):
     rig = make(programs_dir=programs)
-    rig.ask("addToLog remember this")
-    assert rig.ask("saveLog") == "Log saved to disk"
+    rig.request("addToLog remember this")
+    assert rig.request("saveLog") == "Log saved to disk"
     assert "remember this" in (programs / "log_history.txt").read_text()
-    report = rig.ask("generate flight report system")
+    report = rig.request("generate flight report system")
     report_id = report.removeprefix("Flight Report generated with id: ")
     assert "UR3" in (programs / f"flightreport_{report_id}.txt").read_text()
-    assert rig.ask("generate flight report").startswith("Flight Report generated with id:")
-    assert rig.ask("generate flight report gossip").startswith(
+    assert rig.request("generate flight report").startswith("Flight Report generated with id:")
+    assert rig.request("generate flight report gossip").startswith(
         "Failed to generate flight report: unknown report 'gossip'"
     )
-    answer = rig.ask("generate support file sub")
+    answer = rig.request("generate support file sub")
     name = answer.removeprefix("Completed successfully: ")
     assert re.fullmatch(r"ur_\d+_2024-01-01_00-00-\d\d\.zip", name)
     with zipfile.ZipFile(programs / "sub" / name) as archive:
         assert f"flightreport_{report_id}.txt" in archive.namelist()
         assert "remember this" in archive.read("log_history.txt").decode()
-    assert rig.ask("generate support file ../..").startswith("Failed to generate support file:")
+    assert rig.request("generate support file ../..").startswith("Failed to generate support file:")
 
 
 @pytest.mark.parametrize(
@@ -278,11 +278,11 @@ def test_log_and_reports_are_real_files(make, programs):
 )  # fmt: skip
 def test_the_date_of_a_support_file(make, programs, seconds, date):
     rig = make("ur5e", programs_dir=programs, wall_clock_s=seconds)
-    assert rig.ask("generate support file .").endswith(f"_{date}.zip")
+    assert rig.request("generate support file .").endswith(f"_{date}.zip")
 
 
 def test_shutdown_powers_off_and_requests_the_end_of_the_process(ready):
-    ready.ask("shutdown")
+    ready.request("shutdown")
     assert ready.controller.shutdown_requested
     assert ready.now.robot_mode is RobotMode.POWER_OFF
 
@@ -290,7 +290,7 @@ def test_shutdown_powers_off_and_requests_the_end_of_the_process(ready):
 def test_load_is_answered_once_the_program_is_loaded(make, programs):
     rig = make(programs_dir=programs, running=True)
     begun = rig.now.timestamp
-    assert rig.ask("load far.script", within_s=0.9).startswith("Loading program")  # drivers wait for a second
+    assert rig.request("load far.script", within_s=0.9).startswith("Loading program")  # drivers wait for a second
     assert rig.now.timestamp - begun > 0.3
 
 
@@ -298,8 +298,8 @@ def test_load_is_answered_once_the_program_is_loaded(make, programs):
 def test_a_script_sent_0_7_s_after_brake_release_runs(make, programs, model, version):
     """The official C++ library's tests do this, and simulators allow it."""
     rig = make(model, version, programs_dir=programs, timings=PowerTimings())
-    rig.ask("brake release")
+    rig.request("brake release")
     rig.seconds(0.7)
-    rig.ask("load far.script")
+    rig.request("load far.script")
     rig.script("protective_stop()\n")
     rig.until(lambda now: now.safety_mode is SafetyMode.PROTECTIVE_STOP, within_s=1.0)

@@ -54,7 +54,7 @@ def arm_in(make, situation, model, version, programs):
     config = CONFIG.get(situation, {"running": True})
     rig = make(model, str(version), programs_dir=programs, **config)
     for line in STEPS.get(situation, []):
-        rig.ask(line)
+        rig.request(line)
     if situation in EVENTS:
         rig.controller.safety_event(EVENTS[situation])
     if situation.endswith("protective stop"):
@@ -140,7 +140,7 @@ def test_older_controllers_do_not_understand_newer_commands(make, row):
         version = DEFAULT_VERSION[series] if first is None else before(first)
         if version is not None:
             line = f"{row.words} x" if row.takes_argument else row.words
-            answer = make(MODELS[series], str(version)).ask(line)
+            answer = make(MODELS[series], str(version)).request(line)
             # before 3.2 there was no program with the name "installation ..." either
             assert answer in (not_understood(line), "File not found: installation x"), str(version)
 

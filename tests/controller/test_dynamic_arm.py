@@ -125,11 +125,11 @@ def test_a_repositioned_arm_holds_its_payload_immediately(still):
 def test_drives_restart_from_zero_after_the_brakes_held_the_arm(still):
     still.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
     still.seconds(1.0)
-    still.ask("power off")
+    still.request("power off")
     still.seconds(0.5)
     assert still.controller.arm.drives.torque == ZERO6
-    still.ask("power on")
-    still.ask("brake release")
+    still.request("power on")
+    still.request("brake release")
     assert 1e-4 < peak_error_rad(still, 1.5) < 5e-3
     assert error_rad(still) < 1e-4
 
@@ -392,15 +392,15 @@ def test_brakes_stop_an_arm_that_loses_power_and_it_resumes_from_there(make):
     rig.script("speedj([2, 0, 0, 0, 0, 0], 10, 5)")
     rig.seconds(0.5)
     lost = rig.now.actual_q[0]
-    rig.ask("power off")
+    rig.request("power off")
     rig.seconds(0.5)
     stopped = rig.now.actual_q
     assert stopped[0] > lost + 0.005
     assert not any(rig.now.actual_qd)
     rig.seconds(0.5)
     assert rig.now.actual_q == stopped
-    rig.ask("power on")
-    rig.ask("brake release")
+    rig.request("power on")
+    rig.request("brake release")
     rig.seconds(1.0)
     assert rig.now.robot_mode == 7
     assert rig.now.actual_q == pytest.approx(stopped, abs=2 * STEP)

@@ -66,7 +66,7 @@ def a_second_passes(make: Make) -> Seen:
 def the_arm_is_switched_on(make: Make) -> Seen:
     rig = make("ur5e", "5.26")
     before = rig.tick()
-    rig.ask("brake release")
+    rig.request("brake release")
     return before, rig.until(lambda now: now.robot_mode is RobotMode.RUNNING)
 
 

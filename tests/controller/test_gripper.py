@@ -224,7 +224,7 @@ def test_the_fingers_always_stay_between_their_stops(doings: list[tuple[str, int
 # on the arm
 
 
-def ask(controller: Controller, text: bytes, session: GripperSession | None = None) -> bytes:
+def request(controller: Controller, text: bytes, session: GripperSession | None = None) -> bytes:
     decoder = RequestDecoder()
     answers: list[bytes] = []
     controller.post(GripperCall((*decoder.feed(text), *decoder.flush()), session or GripperSession()), answers.append)
@@ -240,34 +240,34 @@ def controller() -> Controller:
 
 
 def test_requests(controller: Controller) -> None:
-    assert ask(controller, b"GET STA\nGET OBJ\nGET POS\n") == b"STA 0\nOBJ 3\nPOS 3\n"
-    assert ask(controller, b"GET FLT") == b"00"
-    assert ask(controller, b"GET PRE") == b"000"
-    assert ask(controller, b"SET ACT 1 ATR 0\n") == b"ack"
-    assert ask(controller, b"GET STA") == b"1"
-    assert ask(controller, b"GET COU\n") == b"COU ?\n", "not known"
+    assert request(controller, b"GET STA\nGET OBJ\nGET POS\n") == b"STA 0\nOBJ 3\nPOS 3\n"
+    assert request(controller, b"GET FLT") == b"00"
+    assert request(controller, b"GET PRE") == b"000"
+    assert request(controller, b"SET ACT 1 ATR 0\n") == b"ack"
+    assert request(controller, b"GET STA") == b"1"
+    assert request(controller, b"GET COU\n") == b"COU ?\n", "not known"
     for wrong in (b"SET POS 256\n", b"SET GTO 2\n", b"SET STA 3\n", b"SET POS -1\n", b"SET POS 9 XYZ 1\n", b"what\n"):
-        assert ask(controller, wrong) == b"nack"
-    assert ask(controller, b"GET PRE") == b"000", "all or nothing"
+        assert request(controller, wrong) == b"nack"
+    assert request(controller, b"GET PRE") == b"000", "all or nothing"
 
 
 def test_gripper_selection(controller: Controller) -> None:
     session = GripperSession()
-    assert len(ask(controller, b"GET SID", session)) == 17
-    assert ask(controller, b"GET SID", session).startswith(b"[9]")
-    assert ask(controller, b"SET SID 2\n", session) == b"ack"
-    assert ask(controller, b"GET STA\n", session) == b"STA ?\n", "there is no second gripper"
-    assert ask(controller, b"SET SID 9\n", session) == b"ack"
-    assert ask(controller, b"GET STA\n", session) == b"STA 0\n"
+    assert len(request(controller, b"GET SID", session)) == 17
+    assert request(controller, b"GET SID", session).startswith(b"[9]")
+    assert request(controller, b"SET SID 2\n", session) == b"ack"
+    assert request(controller, b"GET STA\n", session) == b"STA ?\n", "there is no second gripper"
+    assert request(controller, b"SET SID 9\n", session) == b"ack"
+    assert request(controller, b"GET STA\n", session) == b"STA 0\n"
 
 
 def test_the_gripper_is_powered_with_the_arm(controller: Controller) -> None:
-    ask(controller, b"SET ACT 1\n")
+    request(controller, b"SET ACT 1\n")
     controller.safety_event(SafetyEvent.ROBOT_EMERGENCY_STOP)
     for _ in range(2000):
         controller.tick()
-    assert ask(controller, b"GET POS\n") == b"POS ?\n"
-    assert ask(controller, b"GET SID").startswith(b"[]")
+    assert request(controller, b"GET POS\n") == b"POS ?\n"
+    assert request(controller, b"GET SID").startswith(b"[]")
     assert controller.gripper is not None
     assert not controller.gripper.powered
     assert controller.gripper.status is Status.RESET
@@ -281,7 +281,7 @@ def test_behaviour_is_deterministic() -> None:
     def run() -> list[float]:
         controller = Controller(ControllerConfig(model=load_model("ur5e"), running=True, gripper=MODEL))
         controller.tick()
-        ask(controller, b"SET ACT 1\n")
+        request(controller, b"SET ACT 1\n")
         assert controller.gripper is not None
         seen = []
         for _ in range(300):

@@ -97,9 +97,9 @@ def assert_fault_everywhere(rig):
     assert not now.program_running
     assert now.robot_mode is RobotMode.POWER_OFF
     encode_robot_state(robot_state(now, rig.controller.model), rig.controller.version, full=True)
-    assert rig.ask("safetymode") == "Safetymode: FAULT"
-    assert rig.ask("safetystatus") == "Safetystatus: FAULT"
-    assert rig.ask("running") == "Program running: false"
+    assert rig.request("safetymode") == "Safetymode: FAULT"
+    assert rig.request("safetystatus") == "Safetystatus: FAULT"
+    assert rig.request("running") == "Program running: false"
     assert SafetyMode.FAULT in [message.safety_mode for message in rig.messages_of(SafetyModeMessage)]
     (error,) = [message for message in rig.messages_of(ErrorCodeMessage) if message.code == 116]
     assert error.level is ReportLevel.FAULT
@@ -109,9 +109,9 @@ def assert_fault_everywhere(rig):
 
 
 def recover(rig):
-    rig.ask("restart safety")
-    rig.ask("close popup")
-    rig.ask("brake release")
+    rig.request("restart safety")
+    rig.request("close popup")
+    rig.request("brake release")
     rig.until(lambda s: s.robot_mode is RobotMode.RUNNING)
     assert rig.now.safety_mode is SafetyMode.NORMAL
     before = len(rig.messages)
@@ -158,7 +158,7 @@ def test_a_persistent_fault_returns_after_the_restart_and_is_logged_in_one_line(
     break_for_good(monkeypatch, rig.controller.electrics, "advance")
     rig.tick(3)
     for _ in range(5):
-        rig.ask("restart safety")
+        rig.request("restart safety")
         rig.tick(2)
         assert rig.now.safety_mode is SafetyMode.FAULT
     assert caplog.text.count("Traceback") == 1

@@ -20,7 +20,7 @@ REMOTE_ONLY = {
 EXAMPLES = {words: f"{words} x" if COMMANDS[words].form.takes_argument else words for words in REMOTE_ONLY}
 
 
-def ask_restricted(rig, line):
+def request_restricted(rig, line):
     answers = []
     rig.controller.post(DashboardLine(line, restricted=True), answers.append)
     rig.until(lambda _: bool(answers))
@@ -30,7 +30,7 @@ def ask_restricted(rig, line):
 @pytest.mark.parametrize("words", sorted(REMOTE_ONLY))
 def test_commands_over_a_local_connection_are_refused_and_change_nothing(make, words):
     rig = make("ur5e", enforce_remote_control=True)
-    assert ask_restricted(rig, EXAMPLES[words]) == NOT_IN_REMOTE_CONTROL
+    assert request_restricted(rig, EXAMPLES[words]) == NOT_IN_REMOTE_CONTROL
     rig.seconds(0.5)
     assert rig.now.robot_mode is RobotMode.POWER_OFF
     assert not rig.controller.shutdown_requested
@@ -42,7 +42,7 @@ def test_other_commands_are_answered_in_local_control(make):
     for command in available_commands(rig.controller.version):
         if command.form.words not in REMOTE_ONLY:
             line = f"{command.form.words} x" if command.form.takes_argument else command.form.words
-            answer = ask_restricted(rig, line)
+            answer = request_restricted(rig, line)
             assert answer != NOT_IN_REMOTE_CONTROL
             assert answer != not_understood(line)
 
@@ -59,7 +59,7 @@ def test_other_commands_are_answered_in_local_control(make):
 def test_local_control_by_configuration(make, config, local):
     rig = make("ur5e", **config)
     assert rig.tick().local_control is local
-    assert rig.ask("is in remote control") == str(config.get("remote_control", False)).lower()
+    assert rig.request("is in remote control") == str(config.get("remote_control", False)).lower()
 
 
 def test_only_the_pendant_switches_remote_control(make):
@@ -67,7 +67,7 @@ def test_only_the_pendant_switches_remote_control(make):
     assert rig.tick().local_control
     rig.controller.remote_control = True
     assert not rig.tick().local_control
-    assert rig.ask("is in remote control") == "true"
+    assert rig.request("is in remote control") == "true"
 
 
 def test_cb3_has_no_local_control(make):

@@ -76,7 +76,7 @@ class Robot:
 
     def words(self):
         """Robot mode, safety mode, safety status and program state as reported by the dashboard."""
-        lines = [self.rig.ask(line) for line in ("robotmode", "safetymode", "safetystatus", "programstate")]
+        lines = [self.rig.request(line) for line in ("robotmode", "safetymode", "safetystatus", "programstate")]
         return [line.split(": ")[-1].split(" ")[0] for line in lines]
 
     def rtde(self):
@@ -115,21 +115,21 @@ class Robot:
             self.post(SetSafetyInput(RESETS[cause], True))
             self.post(SetSafetyInput(RESETS[cause], False))
         elif step is Recovery.UNLOCK:
-            assert self.rig.ask("unlock protective stop").startswith("Cannot unlock protective stop until 5s")
+            assert self.rig.request("unlock protective stop").startswith("Cannot unlock protective stop until 5s")
             self.rig.seconds(5.0)
-            assert self.rig.ask("unlock protective stop") == "Protective stop releasing"
+            assert self.rig.request("unlock protective stop") == "Protective stop releasing"
         elif step is Recovery.RESTART:
             if cause is Cause.POWER_LOSS:
-                self.rig.ask("restart safety")
+                self.rig.request("restart safety")
                 assert self.rig.now.safety_mode is SafetyMode.FAULT, "without a supply it returns"
                 self.post(ArmSupply(True))
-            assert self.rig.ask("restart safety") == "Restarting safety"
+            assert self.rig.request("restart safety") == "Restarting safety"
         elif step is Recovery.POWER_UP:
-            assert self.rig.ask("power on") == "Powering on"
-            assert self.rig.ask("brake release") == "Brake releasing"
+            assert self.rig.request("power on") == "Powering on"
+            assert self.rig.request("brake release") == "Brake releasing"
             self.rig.until(lambda s: s.robot_mode is RobotMode.RUNNING)
         elif step is Recovery.PLAY:
-            assert self.rig.ask("play") == "Starting program"
+            assert self.rig.request("play") == "Starting program"
 
 
 @pytest.mark.parametrize(("model", "cause"), [row for row in ROWS if row.values[1] is not Cause.OUTSIDE_LIMITS])
@@ -185,9 +185,9 @@ def test_an_arm_outside_its_limits_recovers_by_being_moved_back(make, model):
     narrow = replace(configuration, normal=replace(configuration.normal, joint_max=high))
     rig = make(model, initial_q=(0.6, *START[1:]), safety=narrow)
     assert rig.now.safety_mode is SafetyMode.NORMAL  # off: not supervised
-    rig.ask("brake release")
+    rig.request("brake release")
     rig.until(lambda s: s.robot_mode is RobotMode.RUNNING)
-    assert rig.ask("safetymode") == "Safetymode: RECOVERY"
+    assert rig.request("safetymode") == "Safetymode: RECOVERY"
     assert rig.now.safety_status_bits == SafetyStatusBits.RECOVERY
     rig.script(PROGRAM)
     rig.seconds(0.2)

@@ -252,9 +252,9 @@ def test_the_arm_stops_before_a_safety_plane(make, model):
     assert codes(rig) == [(152, 0)]
     assert rig.now.runtime_state is RuntimeState.PAUSED
     rig.seconds(5.0)
-    rig.ask("unlock protective stop")
+    rig.request("unlock protective stop")
     assert rig.now.safety_mode is SafetyMode.NORMAL
-    rig.ask("stop")
+    rig.request("stop")
     rig.script(DOWN.replace("-0.4", "0.1"))  # away from it
     rig.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
     to_the_end(rig)
@@ -359,10 +359,10 @@ def test_ordinary_poses_are_free(model):
         assert links.clearance(q) > 0.0
 
 
-@pytest.mark.parametrize(("asked", "expected"), [(True, True), (False, False)])
-def test_self_collision_is_detected_if_enabled(make, asked, expected):
+@pytest.mark.parametrize(("monitored", "expected"), [(True, True), (False, False)])
+def test_self_collision_is_detected_if_enabled(make, monitored, expected):
     body = "def fold():\n  movej([0, -1.57, 3.0, -1.57, -1.57, 0], a=1, v=0.5)\nend\n"
-    rig = started(make, "ur5", body, BENT, self_collision=asked)
+    rig = started(make, "ur5", body, BENT, self_collision=monitored)
     to_the_end(rig)
     assert bool(codes(rig)) is expected
     assert {code for code, _ in codes(rig)} <= {157}

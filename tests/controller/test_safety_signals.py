@@ -97,12 +97,12 @@ def test_a_reset_while_the_safeguard_is_open_is_ignored(make):
 
 def test_the_enabling_device_is_effective_only_in_manual_mode(make):
     rig = wired(make, {SafetyInput.ENABLING_DEVICE: (2, 3), SafetyInput.OPERATIONAL_MODE: (4, 5)}, version="5.25.0")
-    assert rig.ask("get operational mode") == "AUTOMATIC"
+    assert rig.request("get operational mode") == "AUTOMATIC"
     rig.controller.post(SetSafetyInput(SafetyInput.ENABLING_DEVICE, False))
     assert rig.tick().safety_mode is SafetyMode.NORMAL
     rig.controller.post(SetSafetyInput(SafetyInput.OPERATIONAL_MODE, True))
     rig.tick()
-    assert rig.ask("get operational mode") == "MANUAL"
+    assert rig.request("get operational mode") == "MANUAL"
     assert rig.now.safety_status is SafetyStatus.SYSTEM_THREE_POSITION_ENABLING_STOP
     assert rig.now.safety_status_bits == 1 << 4 | 1 << 10 | 1 << 11
     rig.controller.post(SetSafetyInput(SafetyInput.ENABLING_DEVICE, True))
@@ -127,12 +127,12 @@ def test_manual_mode_is_slow_unless_high_speed_is_allowed(make):
 
 def test_the_automatic_mode_safeguard_is_ignored_in_manual_mode(make):
     rig = wired(make, {SafetyInput.AUTOMATIC_SAFEGUARD: (6, 7)})
-    rig.ask("set operational mode manual")
+    rig.request("set operational mode manual")
     assert level(rig, 6, False).safety_mode is SafetyMode.NORMAL
-    rig.ask("set operational mode automatic")
+    rig.request("set operational mode automatic")
     rig.tick()
-    assert rig.ask("safetystatus") == "Safetystatus: AUTOMATIC_MODE_SAFEGUARD_STOP"
-    assert rig.ask("safetymode") == "Safetymode: SAFEGUARD_STOP"
+    assert rig.request("safetystatus") == "Safetystatus: AUTOMATIC_MODE_SAFEGUARD_STOP"
+    assert rig.request("safetymode") == "Safetymode: SAFEGUARD_STOP"
 
 
 def test_reduced_mode_by_input(make):
@@ -228,7 +228,7 @@ def test_jogging_waits_for_programs_to_end(make):
     rig.seconds(0.2)
     rig.controller.post(Jog((0.1, 0.0, 0.0, 0.0, 0.0, 0.0)), answers.append)
     rig.tick()
-    rig.ask("stop")
+    rig.request("stop")
     rig.controller.post(Jog((0.1, 0.0, 0.0, 0.0, 0.0, 0.0)), answers.append)
     rig.seconds(0.5)
     assert answers == [False, True]
@@ -243,7 +243,7 @@ def test_the_dialogue_of_a_stop_closes_with_the_stop_or_earlier(make):
     board = rig.controller.safety_board
     press(rig, SafetyDevice.SAFEGUARD)
     assert board.safety_popup == "SAFEGUARD_STOP"
-    rig.ask("close safety popup")
+    rig.request("close safety popup")
     assert board.safety_popup == ""
     press(rig, SafetyDevice.SAFEGUARD, False)
     press(rig, SafetyDevice.SAFEGUARD)

@@ -150,7 +150,9 @@ def test_beyond_the_tool_orientation(tilt, expected):
 events = st.one_of(
     st.tuples(st.just("device"), st.sampled_from(SafetyDevice), st.booleans()),
     st.tuples(st.just("trip"), st.sampled_from([c for c in Cause if c.value.code]), st.integers(0, 5)),
-    st.tuples(st.just("ask"), st.sampled_from(["power on", "power off", "brake release", "restart safety", "play"])),
+    st.tuples(
+        st.just("request"), st.sampled_from(["power on", "power off", "brake release", "restart safety", "play"])
+    ),
     st.tuples(st.just("script"), st.just("set unlock protective stop")),
     st.tuples(st.just("supply"), st.booleans()),
     st.tuples(st.just("button"), st.booleans()),
@@ -164,8 +166,8 @@ def happen(rig, event):
         rig.controller.post(SetSafetyDevice(*what))
     elif kind == "trip":
         rig.controller.post(TripSafety(*what))
-    elif kind == "ask":
-        rig.ask(*what)
+    elif kind == "request":
+        rig.request(*what)
     elif kind == "script":
         rig.script(*what)
     elif kind == "supply":
@@ -195,8 +197,8 @@ def test_every_sequence_of_events_can_be_recovered_from(make, data):
     rig.controller.signals.digital_inputs |= 0b11 << 8  # the safeguard's reset
     rig.tick()
     happen(rig, ("script", "set unlock protective stop"))
-    happen(rig, ("ask", "restart safety"))
+    happen(rig, ("request", "restart safety"))
     happen(rig, ("script", "set unlock protective stop"))
-    happen(rig, ("ask", "brake release"))
+    happen(rig, ("request", "brake release"))
     rig.until(lambda s: s.robot_mode is RobotMode.RUNNING, 2.0)
     assert rig.now.safety_mode is SafetyMode.NORMAL

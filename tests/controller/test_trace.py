@@ -9,8 +9,8 @@ from emulator.lifecycle.safety import SafetyEvent
 
 def test_each_change_of_state_is_one_line_with_its_reason(rig, caplog):
     caplog.set_level(logging.DEBUG, logger="emulator")
-    rig.ask("power on")
-    rig.ask("brake release")
+    rig.request("power on")
+    rig.request("brake release")
     rig.seconds(1.0)
     rig.script("def p():\n  sleep(100)\nend\n")
     rig.seconds(0.2)

@@ -277,15 +277,15 @@ def test_every_request_has_one_answer_and_the_control_loop_goes_on(do, arguments
     manager = RunningManager(Robot(bench))
     manager.manager.activate("jtc")
 
-    async def ask():
-        asked = Session(manager)
+    async def send_request():
+        session = Session(manager)
         line = json.dumps({**json.loads(protocol.encoded(arguments)), "id": 7, "do": do}).encode() + b"\n"
-        answer = json.loads(protocol.encoded(await serving._answer(asked, line)))
-        await asked.close()
+        answer = json.loads(protocol.encoded(await serving._answer(session, line)))
+        await session.close()
         return answer
 
     if do not in ("make_ready", "set_speed_slider", "begin_recording", "set_hardware_component_state"):  # the robot's
-        answer = asyncio.run(ask())
+        answer = asyncio.run(send_request())
         assert answer.keys() in ({"id", "result"}, {"id", "error"})
         assert answer["id"] == 7
         assert "failed: " not in answer.get("error", {}).get("text", "")

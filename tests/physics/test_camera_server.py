@@ -243,15 +243,15 @@ async def test_without_a_renderer_a_picture_is_a_one_line_error(rig: Rig, monkey
     monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "99")  # this graphics card does not exist
     monkeypatch.setattr(rig.server, "_drawing", drawing)
 
-    def ask() -> None:
+    def send_request() -> None:
         with CameraClient(port=rig.port) as client:
             client.shot(client.chosen(["wrist"])[0], "rgb.jpg")
 
     with pytest.raises(NoPicture, match=r"no renderer is available .* install EGL"):
-        await asyncio.to_thread(ask)
+        await asyncio.to_thread(send_request)
     monkeypatch.delenv("MUJOCO_EGL_DEVICE_ID")
     with pytest.raises(NoPicture, match="no renderer is available"):  # not retried immediately
-        await asyncio.to_thread(ask)
+        await asyncio.to_thread(send_request)
     assert not drawing.at_work
     await drawing.close()
 

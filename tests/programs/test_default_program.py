@@ -4,7 +4,7 @@ import gzip
 from pathlib import Path
 
 import pytest
-from tree_rig import Arm, installation, main, say, sleep, tag
+from tree_rig import Arm, installation, main, sleep, tag, textmsg
 
 from emulator.lifecycle.power import PowerTimings
 from urproto.modes import RobotMode, RuntimeState
@@ -36,8 +36,8 @@ class Box(Arm):
     def __init__(self, folder: Path, model: str, *default: str, high: tuple[int, ...] = (), **config) -> None:
         self.install(folder, *default)
         self.folder, self.high = folder, high
-        self.save("cube/Cube.urp", main(say("cube"), sleep(0.1)))
-        self.save("other.urp", main(say("other")))
+        self.save("cube/Cube.urp", main(textmsg("cube"), sleep(0.1)))
+        self.save("other.urp", main(textmsg("other")))
         super().__init__(folder, model, running=False, **{"timings": QUICK, **config})
 
     def tick(self) -> None:
@@ -59,14 +59,14 @@ class Box(Arm):
 
     @property
     def loaded(self) -> str:
-        return self.ask("get loaded program")
+        return self.request("get loaded program")
 
     @property
     def runs(self) -> int:
         return self.texts.count("cube")
 
     def release(self) -> None:
-        self.ask("brake release")
+        self.request("brake release")
         self.until(lambda: self.mode is RobotMode.RUNNING, 1.0)
 
     def pulse(self, index: int = 0) -> None:
@@ -81,9 +81,9 @@ def test_a_controller_boots_with_its_installation_and_default_program(tmp_path, 
     assert box.controller.snapshot.actual_TCP_pose == pytest.approx(box.controller.arm.tcp_pose)
     assert box.controller.installation.tcp[2] == 0.1
     assert box.loaded == CUBE
-    assert box.ask("programState") == "STOPPED Cube.urp"
+    assert box.request("programState") == "STOPPED Cube.urp"
     box.release()
-    assert box.ask("play") == "Starting program"
+    assert box.request("play") == "Starting program"
     box.until(lambda: box.runs)
 
 
@@ -94,7 +94,7 @@ def test_a_disabled_default_program_is_not_loaded(tmp_path):
 
 
 def test_without_an_installation_nothing_happens(tmp_path):
-    assert Arm(tmp_path).ask("get loaded program") == NONE
+    assert Arm(tmp_path).request("get loaded program") == NONE
     assert Arm(tmp_path).controller.messages.history == Arm(tmp_path / "none").controller.messages.history
 
 
@@ -131,7 +131,7 @@ def test_an_unreadable_installation_is_logged(tmp_path, content):
     else:
         path.mkdir()
         box = Arm(tmp_path)
-    assert box.ask("get loaded program") == NONE
+    assert box.request("get loaded program") == NONE
     assert box.controller.installation.tcp[2] == 0.0
 
 
@@ -145,7 +145,7 @@ def test_an_edge_of_an_input_switches_the_arm_on(tmp_path, model, level):
     assert box.mode is RobotMode.POWER_OFF
     box.drive(3, level)
     box.until(lambda: box.mode is RobotMode.RUNNING, 1.0)
-    box.ask("power off")
+    box.request("power off")
     box.seconds(0.5)  # a level is not an edge
     assert box.mode is RobotMode.POWER_OFF
 
@@ -182,13 +182,13 @@ def test_after_stop_the_input_does_not_start_the_program_until_play(tmp_path):
     box.seconds(0.1)
     box.drive(0, True)
     box.until(lambda: box.state is RuntimeState.PLAYING, 1.0)
-    box.ask("stop")
+    box.request("stop")
     box.drive(0, False)
     box.seconds(0.1)
     box.pulse()
     box.seconds(0.5)
     assert box.runs == 1
-    box.ask("play")
+    box.request("play")
     box.until(lambda: box.runs == 2 and box.state is RuntimeState.STOPPED, 5.0)
     box.pulse()
     box.until(lambda: box.runs == 3, 5.0)
@@ -198,11 +198,11 @@ def test_only_the_default_program_is_started(tmp_path):
     box = Box(tmp_path, "ur5e", settings(load=False, start=("digital_in[0]", True)))
     box.release()
     box.pulse()
-    box.ask("load other.urp")
+    box.request("load other.urp")
     box.pulse()
     box.seconds(0.5)
     assert box.texts == []
-    box.ask("load cube/Cube.urp")
+    box.request("load cube/Cube.urp")
     box.seconds(0.1)
     box.pulse()
     box.until(lambda: box.texts == ["cube"], 5.0)
@@ -250,7 +250,7 @@ def test_an_invalid_input_is_logged(tmp_path, pin):
 def test_another_installation_starts_with_the_current_level_of_its_input(tmp_path):
     box = Box(tmp_path, "ur5e", settings(), high=(1,))
     Box.install(tmp_path, settings(release=("digital_in[1]", True)), name="second")
-    box.ask("load installation second.installation")
+    box.request("load installation second.installation")
     box.seconds(0.5)
     assert box.mode is RobotMode.POWER_OFF
     box.drive(1, False)
@@ -268,10 +268,10 @@ def test_a_slowly_booting_controller_loads_during_boot(tmp_path):
 
 def test_a_program_loaded_by_a_client_during_boot_is_kept(tmp_path):
     box = Box(tmp_path, "ur5e")
-    box.save("long.urp", main(*(say(f"line {number}") for number in range(1000))))
+    box.save("long.urp", main(*(textmsg(f"line {number}") for number in range(1000))))
     Box.install(tmp_path, settings("long.urp"))
     rebooted = Arm(tmp_path, running=False, timings=PowerTimings(controller_boot_s=0.1))
-    assert rebooted.ask("load other.urp").startswith("Loading program")
+    assert rebooted.request("load other.urp").startswith("Loading program")
     rebooted.seconds(3.0)
-    assert rebooted.ask("get loaded program") == "Loaded program: /programs/other.urp"
-    assert Arm(tmp_path).ask("get loaded program") == "Loaded program: /programs/long.urp"
+    assert rebooted.request("get loaded program") == "Loaded program: /programs/other.urp"
+    assert Arm(tmp_path).request("get loaded program") == "Loaded program: /programs/long.urp"

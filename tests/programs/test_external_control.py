@@ -72,7 +72,7 @@ class Robot(Arm):
         super().__init__(folder, **config)
         self.network = MemorySockets(driver)
         self.controller.programs.socket_backend = self.network
-        self.ask("load drive.urp")
+        self.request("load drive.urp")
 
     @property
     def popups(self) -> list[str]:
@@ -84,7 +84,7 @@ class Robot(Arm):
         self.controller.post(DashboardLine(line), answers.append)
         return answers
 
-    def ask(self, line: str) -> str:
+    def request(self, line: str) -> str:
         answers = self.post(line)
         self.until(lambda: answers)
         return answers[0]
@@ -158,7 +158,7 @@ def test_the_program_continues_after_the_node_when_control_is_handed_back(tmp_pa
 def test_a_looping_program_starts_again_with_the_header(tmp_path):
     robot = Robot(tmp_path)
     (tmp_path / "drive.urp").write_bytes(urp(NODE, once="false"))
-    robot.ask("load drive.urp")
+    robot.request("load drive.urp")
     _, driver = robot.play()
     driver.feed(PROGRAM)
     robot.until(lambda: len(robot.texts) == 3, 1.0)
@@ -252,7 +252,7 @@ def test_without_an_answer_the_program_shows_a_popup_and_continues_after_it(tmp_
     assert robot.popups == [text]
     assert robot.controller.popups.shown[0].title == "Receive program failed"
     assert robot.controller.popups.shown[0].error
-    robot.ask("close popup")
+    robot.request("close popup")
     assert 0.15 < robot.until(lambda: robot.state is RuntimeState.STOPPED, 1.0) < 0.25
 
 
@@ -307,7 +307,7 @@ def test_a_driver_program_with_an_error_is_reported_and_not_started(robot):
 @pytest.mark.parametrize("line", ["stop", "power off", "load drive.urp"])
 def test_ending_the_program_also_ends_waiting_for_the_driver(robot, line):
     answers, driver = robot.play()
-    robot.ask(line)
+    robot.request(line)
     robot.tick()
     assert answers == [FAILED]
     assert driver.state == "closed"
@@ -370,7 +370,7 @@ def test_the_address_used_for_the_driver(tmp_path):
     ]:
         given_address = DriverAddress.parse(option) if option else DriverAddress()
         robot = Robot(tmp_path, driver=wanted, external_control=given_address)
-        assert robot.ask("load installation cell.installation").startswith("Loading installation")
+        assert robot.request("load installation cell.installation").startswith("Loading installation")
         _, driver = robot.play()
         assert driver.state == "open"
 

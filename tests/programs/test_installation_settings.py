@@ -4,7 +4,7 @@ import gzip
 from pathlib import Path
 
 import pytest
-from tree_rig import Arm, main, say
+from tree_rig import Arm, main, textmsg
 
 from emulator.control.control import VirtualRobot
 from emulator.control.verbs import BadArguments
@@ -335,10 +335,10 @@ def test_signal_actions_apply_from_the_next_program(tmp_path):
     change_setting(root, "io", "digital_in[1]", {"action": "FREEDRIVE"})
     (tmp_path / "default.installation").write_bytes(gzip.compress(write_document(root)))
     arm = Arm(tmp_path)
-    arm.save("it.urp", main(say("here")))
+    arm.save("it.urp", main(textmsg("here")))
     arm.controller.signals.set_digital_output(STANDARD, 3, True)
-    arm.ask("load it.urp")
-    arm.ask("play")
+    arm.request("load it.urp")
+    arm.request("play")
     arm.until(lambda: "here" in arm.texts, 5.0)
     arm.until(lambda: not arm.controller.signals.get_digital_output(STANDARD, 3), 5.0)
     arm.controller.signals.set_digital_input(STANDARD, 1, True)

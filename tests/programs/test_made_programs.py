@@ -48,7 +48,7 @@ def test_the_emulator_plays_a_program_created_with_new(tmp_path, model, options)
     assert path.with_suffix(".txt").read_text().splitlines()[-1] == "     Control by 10.1.2.3"
     arm = Arm(tmp_path, model)
     network = arm.controller.programs.socket_backend = MemorySockets(("10.1.2.3", 50010))
-    assert arm.ask("load external_control.urp").startswith("Loading program: /programs/external_control.urp")
+    assert arm.request("load external_control.urp").startswith("Loading program: /programs/external_control.urp")
     answers: list[str] = []
     from emulator.commands.requests import DashboardLine
 
@@ -87,8 +87,8 @@ def test_the_emulator_plays_a_program_saved_by_the_editor(tmp_path, version):
     (tmp_path / "made.urp").write_bytes(write_document(root))
     for name in ("made.urp", "alone.script"):
         arm = Arm(tmp_path, "ur5e" if version is E_SERIES else "ur5")
-        assert arm.ask(f"load {name}").startswith("Loading program")
-        assert arm.ask("play") == "Starting program", arm.messages
+        assert arm.request(f"load {name}").startswith("Loading program")
+        assert arm.request("play") == "Starting program", arm.messages
         arm.until(lambda arm=arm: arm.state is RuntimeState.STOPPED)
         assert arm.q == pytest.approx(goal, abs=1e-3), name
         assert arm.texts == ["round 0", "round 1"], name

@@ -7,7 +7,7 @@ from contextlib import suppress
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tree_rig import Arm, children, installation, line, main, move, say, sleep, tag, urp, waypoint
+from tree_rig import Arm, children, installation, line, main, move, sleep, tag, textmsg, urp, waypoint
 
 from tests.budget import examples
 from urproto.modes import RuntimeState
@@ -29,28 +29,29 @@ def arm(tmp_path):
 def refused(arm):
     """The error when the program saved as tree.urp is loaded."""
     before = len(arm.texts)
-    assert arm.ask("load tree.urp") == "Error while loading program: tree.urp"
-    assert arm.ask("get loaded program") == "No program loaded"
+    assert arm.request("load tree.urp") == "Error while loading program: tree.urp"
+    assert arm.request("get loaded program") == "No program loaded"
     return arm.texts[before]
 
 
 def test_load_play_and_query_the_loaded_program(arm):
     arm.save("sub/my tool.urp", main(sleep(0.2)))
     assert (
-        arm.ask("load sub/my tool.urp") == "Loading program: /programs/sub/my tool.urp, /programs/default.installation"
+        arm.request("load sub/my tool.urp")
+        == "Loading program: /programs/sub/my tool.urp, /programs/default.installation"
     )
-    assert arm.ask("get loaded program") == "Loaded program: /programs/sub/my tool.urp"
-    assert arm.ask("isProgramSaved") == "true my tool.urp"
-    assert arm.ask("programState") == "STOPPED my tool.urp"
-    assert arm.ask("load gone.urp") == "File not found: gone.urp"
-    assert arm.ask("play") == "Starting program"
-    assert arm.ask("programState") == "PLAYING my tool.urp"
+    assert arm.request("get loaded program") == "Loaded program: /programs/sub/my tool.urp"
+    assert arm.request("isProgramSaved") == "true my tool.urp"
+    assert arm.request("programState") == "STOPPED my tool.urp"
+    assert arm.request("load gone.urp") == "File not found: gone.urp"
+    assert arm.request("play") == "Starting program"
+    assert arm.request("programState") == "PLAYING my tool.urp"
 
 
 def test_an_uncompressed_file_is_accepted(arm):
-    (arm.folder / "tree.urp").write_bytes(gzip.decompress(urp(main(say("plain")))))
-    assert arm.ask("load tree.urp").startswith("Loading program")
-    assert arm.ask("play") == "Starting program"
+    (arm.folder / "tree.urp").write_bytes(gzip.decompress(urp(main(textmsg("plain")))))
+    assert arm.request("load tree.urp").startswith("Loading program")
+    assert arm.request("play") == "Starting program"
     arm.until(lambda: arm.texts == ["plain"])
 
 
@@ -66,9 +67,9 @@ def test_a_urcap_node_without_its_code_names_the_urcap(arm):
 
 def load_and_play(arm):
     """Load tree.urp and play it to its end; its messages."""
-    assert arm.ask("load tree.urp").startswith("Loading program"), arm.texts
+    assert arm.request("load tree.urp").startswith("Loading program"), arm.texts
     before = len(arm.texts)
-    assert arm.ask("play") == "Starting program"
+    assert arm.request("play") == "Starting program"
     arm.until(lambda: arm.state is RuntimeState.STOPPED)
     return arm.texts[before:]
 
@@ -90,10 +91,10 @@ def save_hand(arm, *blocks):
 
 
 def test_urcap_nodes_take_their_code_from_the_accompanying_script(arm):
-    arm.save("tree.urp", main(say("before"), GRIPPER, line("hand_tell(2)"), GRIPPER))
+    arm.save("tree.urp", main(textmsg("before"), GRIPPER, line("hand_tell(2)"), GRIPPER))
     save_hand(arm, block(3, "hand_tell(1)"), '  textmsg("never")\n', block(5, "hand_tell(3)"))
-    assert arm.ask("load tree.urp").startswith("Loading program")
-    assert arm.ask("play") == "Starting program"
+    assert arm.request("load tree.urp").startswith("Loading program")
+    assert arm.request("play") == "Starting program"
     arm.until(lambda: len(arm.texts) == 4)
     assert arm.texts == ["before", "hand 1", "hand 2", "hand 3"]
 
@@ -101,9 +102,9 @@ def test_urcap_nodes_take_their_code_from_the_accompanying_script(arm):
 def test_code_of_urcap_nodes_is_matched_by_tree_line_not_by_position(arm):
     """PolyScope writes subprograms before the program, whose lines come first in the tree; a subprogram is stored at
     its first call; a suppressed node counts with all its contents (seen in 190 public pairs)."""
-    called = tag("subprogram", children(say("in"), GRIPPER), name="again", keepSynchronizedWithDisk="false")
+    called = tag("subprogram", children(textmsg("in"), GRIPPER), name="again", keepSynchronizedWithDisk="false")
     subprogram = tag("SubProgram", reference="../MainProgram/children/CallSubProgram/subprogram")
-    unused = tag("SuppressedNode", tag("suppressedNode", children(GRIPPER, say("x")), class_="Folder", name="off"))
+    unused = tag("SuppressedNode", tag("suppressedNode", children(GRIPPER, textmsg("x")), class_="Folder", name="off"))
     arm.save("tree.urp", main(unused, tag("CallSubProgram", called), GRIPPER), subprogram)
     save_hand(arm, block(8, 'textmsg("eight")'), block(6, 'textmsg("six")'), block(3, 'textmsg("never")'))
     assert "suppressed" in refused(arm)
@@ -122,7 +123,7 @@ def test_text_that_looks_like_a_block_is_not_one(arm):
     "label", ['  $ 3 "gone"\n', '  $ 9 "Wait"\n'], ids=["another name at its line", "lines that are no more"]
 )
 def test_a_script_saved_with_another_version_of_the_program_is_not_used(arm, label):
-    arm.save("tree.urp", main(GRIPPER, tag("Folder", children(say("x")), name="kept")))
+    arm.save("tree.urp", main(GRIPPER, tag("Folder", children(textmsg("x")), name="kept")))
     save_hand(arm, block(2, "hand_tell(1)"), label)
     assert "program has changed since that was saved" in refused(arm)
 
@@ -152,8 +153,8 @@ def test_a_translation_that_does_not_compile_is_refused_by_name_without_a_script
 def test_the_accompanying_script_replaces_a_tree_that_cannot_run(arm):
     arm.save("tree.urp", main(tag("Teleport")))
     (arm.folder / "tree.script").write_text('def tree():\n  textmsg("saved")\nend\n')
-    assert arm.ask("load tree.urp").startswith("Loading program")
-    assert arm.ask("play") == "Starting program"
+    assert arm.request("load tree.urp").startswith("Loading program")
+    assert arm.request("play") == "Starting program"
     arm.until(lambda: arm.texts == ["saved"])
 
 
@@ -162,25 +163,28 @@ def test_a_script_of_functions_and_calls_is_played_as_in_a_script_node(arm):
         '# for a Script node\n\ndef first():\n  textmsg("first")\nend\ndef second():\n  textmsg("second")\nend\n'
         "first()\nsecond()"
     )
-    assert arm.ask("load 2 tools.script") == "Loading program: /programs/2 tools.script, /programs/default.installation"
-    assert arm.ask("play") == "Starting program"
+    assert (
+        arm.request("load 2 tools.script")
+        == "Loading program: /programs/2 tools.script, /programs/default.installation"
+    )
+    assert arm.request("play") == "Starting program"
     arm.until(lambda: arm.texts == ["first", "second"])
 
 
 def test_errors_in_a_script_of_functions_and_calls_have_the_line_of_the_file(arm):
     (arm.folder / "tools.script").write_text("def first():\n  sync()\nend\nfirst()\nlast()\n")
-    assert arm.ask("load tools.script").startswith("Loading program")
-    assert arm.ask("play") == "Failed to execute: play"
+    assert arm.request("load tools.script").startswith("Loading program")
+    assert arm.request("play") == "Failed to execute: play"
     errors = [message for message in arm.messages if isinstance(message, RuntimeExceptionMessage)]
     assert [error.line for error in errors] == [5]
 
 
 def test_a_script_of_several_programs_becomes_functions_with_a_notice(arm):
     (arm.folder / "two.script").write_text("def one():\n  sync()\nend\ndef other():\n  sync()\nend\n")
-    assert arm.ask("load two.script").startswith("Loading program")
-    assert arm.ask("play") == "Starting program"
+    assert arm.request("load two.script").startswith("Loading program")
+    assert arm.request("play") == "Starting program"
     (arm.folder / "beside.script").write_text("def one():\n  sync()\nend\nsec other():\n  x = 1\nend\n")
-    assert arm.ask("load beside.script").startswith("Error while loading program")
+    assert arm.request("load beside.script").startswith("Error while loading program")
 
 
 @pytest.mark.parametrize(
@@ -188,8 +192,8 @@ def test_a_script_of_several_programs_becomes_functions_with_a_notice(arm):
 )
 def test_a_script_of_one_program_or_of_lines_is_played_unchanged(arm, text):
     (arm.folder / "one.script").write_text(text)
-    assert arm.ask("load one.script").startswith("Loading program")
-    assert arm.ask("play") == "Starting program"
+    assert arm.request("load one.script").startswith("Loading program")
+    assert arm.request("play") == "Starting program"
     arm.until(lambda: arm.texts == ["said"])
 
 
@@ -225,7 +229,7 @@ def test_the_installation_of_a_program_is_loaded_with_it(arm):
     assert arm.controller.installation.name == "one.installation"
     assert arm.controller.snapshot.payload == pytest.approx(1.2)
     assert arm.controller.installation.gravity == pytest.approx((0.0, 0.0, -9.82), abs=1e-9)
-    assert arm.ask("play") == "Starting program"
+    assert arm.request("play") == "Starting program"
     arm.until(lambda: len(arm.texts) == 2)  # every run sets the tool again
     assert arm.controller.installation.tcp[2] in (0.2, 0.5)
 
@@ -254,7 +258,7 @@ def test_a_broken_installation_is_an_error_and_a_missing_one_is_not(arm):
     arm.save("tree.urp", main(sleep(0.1)), installation="bad")
     refused(arm)
     arm.save("tree.urp", main(sleep(0.1)), installation="gone")
-    assert arm.ask("load tree.urp").startswith("Loading program")
+    assert arm.request("load tree.urp").startswith("Loading program")
 
 
 @pytest.mark.parametrize(
@@ -263,10 +267,10 @@ def test_a_broken_installation_is_an_error_and_a_missing_one_is_not(arm):
 def test_paths_stay_in_the_programs_folder(tmp_path, name):
     folder = tmp_path / "programs"
     folder.mkdir()
-    (tmp_path / "secret.urp").write_bytes(urp(main(say("secret"))))
+    (tmp_path / "secret.urp").write_bytes(urp(main(textmsg("secret"))))
     (folder / "linked.urp").symlink_to(tmp_path / "secret.urp")
     arm = Arm(folder)
-    assert arm.ask(f"load {name}") == f"File not found: {name}"
+    assert arm.request(f"load {name}") == f"File not found: {name}"
     called = tag("subprogram", tag("programFile", name), name="inner")
     if "\0" not in name:  # XML cannot represent this
         arm.save("tree.urp", main(tag("CallSubProgram", called)))
@@ -292,7 +296,7 @@ def test_paths_stay_in_the_programs_folder(tmp_path, name):
 def test_damaged_and_hostile_files_are_errors(arm, content):
     (arm.folder / "tree.urp").write_bytes(content)
     refused(arm)
-    arm.play(say("alive"))
+    arm.play(textmsg("alive"))
     assert arm.texts[-1] == "alive"
 
 
@@ -337,21 +341,21 @@ def test_installation_variables(data, values):
 
 def test_the_loaded_program_is_kept_if_loading_another_fails(arm):
     arm.save("good.urp", main(sleep(1.0)))
-    arm.ask("load good.urp")
+    arm.request("load good.urp")
     (arm.folder / "tree.urp").write_bytes(b"")
-    assert arm.ask("load tree.urp") == "Error while loading program: tree.urp"
-    assert arm.ask("get loaded program") == "Loaded program: /programs/good.urp"
+    assert arm.request("load tree.urp") == "Error while loading program: tree.urp"
+    assert arm.request("get loaded program") == "Loaded program: /programs/good.urp"
     assert arm.state is RuntimeState.STOPPED
 
 
 def test_a_long_program_is_loaded_over_many_periods(arm):
     arm.save(
-        "tree.urp", main(*(say(f"line {n}") for n in range(2000)), tag("Folder", children(sleep(0.1)), name="end"))
+        "tree.urp", main(*(textmsg(f"line {n}") for n in range(2000)), tag("Folder", children(sleep(0.1)), name="end"))
     )
     before = arm.controller.step_count
-    assert arm.ask("load tree.urp").startswith("Loading program")
+    assert arm.request("load tree.urp").startswith("Loading program")
     assert arm.controller.step_count - before > 50
-    assert arm.ask("play") == "Starting program"
+    assert arm.request("play") == "Starting program"
     arm.until(lambda: len(arm.texts) == 2000)
 
 

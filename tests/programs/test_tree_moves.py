@@ -16,8 +16,8 @@ from tree_rig import (
     main,
     move,
     pin,
-    say,
     tag,
+    textmsg,
     urp,
     waypoint,
 )
@@ -195,7 +195,7 @@ def test_before_5_0_a_movej_goes_to_the_pose_with_the_active_tcp_and_else_to_the
         ((move(waypoint(ASIDE, "next"), kind="MoveL"),), "0.0"),
         ((move(waypoint(ASIDE, "next"), kind="MoveP"),), "0.02"),
         ((move(tag(DIRECTION, children(distance_of()), selectedDirection="ZPlus"), kind="MoveL"),), "0.02"),
-        ((say("between"), move(waypoint(ASIDE, "next"), kind="MoveL")), "0.02"),
+        ((textmsg("between"), move(waypoint(ASIDE, "next"), kind="MoveL")), "0.02"),
     ],
     ids=["the end", "MoveL", "MoveP", "a Direction", "something between"],
 )
@@ -270,7 +270,8 @@ def test_the_home_position(arm):
 def test_a_direction_until_a_distance(arm, feature, axis, moved):
     start = arm.pose
     arm.play(
-        move(tag(DIRECTION, children(distance_of()), selectedDirection=axis), kind="MoveL", feature=feature), say("on")
+        move(tag(DIRECTION, children(distance_of()), selectedDirection=axis), kind="MoveL", feature=feature),
+        textmsg("on"),
     )
     assert arm.pose[:3] == pytest.approx([s + m for s, m in zip(start, moved, strict=False)], abs=2e-3)
     assert arm.texts == ["on"]
@@ -288,7 +289,7 @@ def test_a_direction_as_a_vector_with_a_speed(arm):
 def test_a_direction_until_an_input_or_an_expression(arm):
     far = tag(
         "Until",
-        tag("children", say("stopped")),
+        tag("children", textmsg("stopped")),
         pin("digital_in[1]"),
         type="IO",
         ioType="DIGITAL_INPUT",
@@ -308,7 +309,7 @@ def test_a_direction_until_an_input_or_an_expression(arm):
     assert math.isclose(arm.pose[2], start[2] + 0.03, abs_tol=0.03)
     high = f"get_actual_tcp_pose()[2] < {start[2]}"
     down = tag("Until", expression(high), type="EXPRESSION")
-    arm.play(move(tag(DIRECTION, children(down), selectedDirection="ZMinus"), kind="MoveL"), say("down"))
+    arm.play(move(tag(DIRECTION, children(down), selectedDirection="ZMinus"), kind="MoveL"), textmsg("down"))
     assert arm.pose[2] == pytest.approx(start[2], abs=0.03)
     assert arm.texts[-1] == "down"
 

@@ -1,7 +1,7 @@
 """Node types of program trees, tested by the behaviour of the robot that plays them."""
 
 import pytest
-from tree_rig import Arm, assign, children, expression, installation, line, main, pin, say, sleep, tag
+from tree_rig import Arm, assign, children, expression, installation, line, main, pin, sleep, tag, textmsg
 
 from emulator.reporting.popups import Popup
 from urproto.modes import RuntimeState
@@ -18,7 +18,7 @@ def test_the_test_program_of_clients_waits_for_ever(arm):
     arm.start(main(sleep(0.01), once=False))
     arm.seconds(2.0)
     assert arm.state is RuntimeState.PLAYING
-    assert arm.ask("stop") == "Stopped"
+    assert arm.request("stop") == "Stopped"
 
 
 def test_a_program_that_runs_once_ends(arm):
@@ -35,7 +35,7 @@ def test_labels_show_the_current_node(arm):
 
 def test_suppressed_nodes_and_placeholders_do_nothing(arm):
     suppressed = tag("SuppressedNode", tag("suppressedNode", class_="Halt"))
-    arm.play(suppressed, tag("Placeholder"), tag("Comment", comment="a remark"), say("on"))
+    arm.play(suppressed, tag("Placeholder"), tag("Comment", comment="a remark"), textmsg("on"))
     assert arm.texts == ["on"]
 
 
@@ -73,9 +73,9 @@ def test_names_outside_ascii(arm):
 
 def test_branches(arm):
     chain = (
-        tag("If", expression("n == 1"), children(say("one")), type="If", checkContinuously="false"),
-        tag("If", expression("n == 2"), children(say("two")), type="ElseIf", checkContinuously="false"),
-        tag("If", expression(""), children(say("more")), type="Else", checkContinuously="false"),
+        tag("If", expression("n == 1"), children(textmsg("one")), type="If", checkContinuously="false"),
+        tag("If", expression("n == 2"), children(textmsg("two")), type="ElseIf", checkContinuously="false"),
+        tag("If", expression(""), children(textmsg("more")), type="Else", checkContinuously="false"),
     )
     count = tag(
         "Loop", tag("loopVariable", name="k"), children(assign("n", "k + 1"), *chain), type="Counting", count="3"
@@ -87,9 +87,15 @@ def test_branches(arm):
 def test_a_continuously_checked_branch_is_left_for_the_next(arm):
     arm.play(
         assign("go", "True"),
-        tag("If", expression("go"), children(say("in"), sleep(1.0), say("late")), type="If", checkContinuously="true"),
-        tag("If", expression(""), children(say("else")), type="Else", checkContinuously="false"),
-        say("end"),
+        tag(
+            "If",
+            expression("go"),
+            children(textmsg("in"), sleep(1.0), textmsg("late")),
+            type="If",
+            checkContinuously="true",
+        ),
+        tag("If", expression(""), children(textmsg("else")), type="Else", checkContinuously="false"),
+        textmsg("end"),
         others=(tag("Thread", children(sleep(0.5), assign("go", "False")), name="Thread_1", runOnlyOnce="true"),),
     )
     assert arm.texts == ["in", "else", "end"]
@@ -97,9 +103,9 @@ def test_a_continuously_checked_branch_is_left_for_the_next(arm):
 
 def test_a_continuously_checked_branch_runs_while_its_condition_holds(arm):
     arm.play(
-        tag("If", expression("True"), children(say("in"), sleep(0.1)), type="If", checkContinuously="true"),
-        tag("If", expression("True"), children(say("elif")), type="ElseIf", checkContinuously="true"),
-        tag("If", expression(""), children(say("else")), type="Else"),
+        tag("If", expression("True"), children(textmsg("in"), sleep(0.1)), type="If", checkContinuously="true"),
+        tag("If", expression("True"), children(textmsg("elif")), type="ElseIf", checkContinuously="true"),
+        tag("If", expression(""), children(textmsg("else")), type="Else"),
     )
     assert arm.texts == ["in"]
 
@@ -110,7 +116,7 @@ def test_loops(arm):
         tag("Loop", expression("n < 3"), children(assign("n", "n + 1")), type="While", checkContinuously="false"),
         line('textmsg("n ", n)'),
         tag("Loop", children(sleep(0.1), tag("Halt")), type="Forever"),
-        say("never"),
+        textmsg("never"),
     )
     assert arm.texts == ["n 3"]
 
@@ -127,9 +133,9 @@ def test_a_continuously_checked_loop_is_left_midway(arm):
 @pytest.mark.parametrize(("value", "texts"), [("1", ["one"]), ("2", ["two"]), ("3", ["other"])])
 def test_switch(arm, value, texts):
     cases = (
-        tag("Case", children(say("one")), caseValue="1"),
-        tag("Case", children(say("two")), caseValue="2"),
-        tag("Case", children(say("other")), caseValue="2147483647"),  # the default case (seen)
+        tag("Case", children(textmsg("one")), caseValue="1"),
+        tag("Case", children(textmsg("two")), caseValue="2"),
+        tag("Case", children(textmsg("other")), caseValue="2147483647"),  # the default case (seen)
     )
     arm.play(tag("Switch", expression(value), children(*cases)))
     assert arm.texts == texts
@@ -142,7 +148,7 @@ def test_waiting_for_an_input_of_either_name(arm, name):
         '<Installation><T activePose="TCP"><tcp name="TCP" offset="0,0,0,0,0,0"/></T>' + names + "</Installation>"
     )
     wait = tag("Wait", pin(name), tag("digitalValue", "1"), type="DigitalInput")
-    arm.start(main(wait, say("open")), installation="cell")
+    arm.start(main(wait, textmsg("open")), installation="cell")
     arm.seconds(0.5)
     assert arm.texts == []
     arm.controller.signals.set_digital_input(STANDARD, 3, True)
@@ -153,7 +159,7 @@ def test_waiting_for_a_condition(arm):
     arm.play(
         assign("n", "0"),
         tag("Wait", expression("n > 2"), type="Condition"),
-        say("there"),
+        textmsg("there"),
         tag("Wait", type="NoWait"),
         others=(tag("Thread", children(assign("n", "n + 1"), sleep(0.1)), name="Thread_1", runOnlyOnce="false"),),
     )
@@ -161,7 +167,7 @@ def test_waiting_for_a_condition(arm):
 
 
 def test_an_event_runs_alongside_the_program_when_its_expression_is_true(arm):
-    event = tag("Event", expression("n > 2"), children(say("seen"), assign("n", "0")))
+    event = tag("Event", expression("n > 2"), children(textmsg("seen"), assign("n", "0")))
     count = tag(
         "Loop", tag("loopVariable", name="k"), children(assign("n", "n + 1"), sleep(0.1)), type="Counting", count="7"
     )
@@ -175,8 +181,8 @@ def test_an_event_runs_alongside_the_program_when_its_expression_is_true(arm):
 
 def test_of_two_due_events_the_first_runs_first(arm):
     """One chain of if and elif: seen in all eleven public scripts with more than one event."""
-    first = tag("Event", expression("n < 3"), children(say("first"), assign("n", "n + 1")))
-    second = tag("Event", expression("m < 1"), children(say("second"), assign("m", "m + 1")))
+    first = tag("Event", expression("n < 3"), children(textmsg("first"), assign("n", "n + 1")))
+    second = tag("Event", expression("m < 1"), children(textmsg("second"), assign("m", "m + 1")))
     zero = (tag("variable", expression("0"), name=name) for name in "nm")
     arm.play(sleep(0.5), others=(tag("InitVariablesNode", tag("variables", *zero)), first, second))
     assert arm.texts == ["first", "first", "first", "second"]
@@ -224,39 +230,41 @@ def test_payload_by_name_output_pulse_and_voltage(arm):
 
 def test_a_payload_the_installation_lacks_is_named(arm):
     arm.save("tree.urp", main(tag("SetPayload", workpieceName="gone")))
-    assert arm.ask("load tree.urp") == "Error while loading program: tree.urp"
+    assert arm.request("load tree.urp") == "Error while loading program: tree.urp"
     assert "'gone'" in arm.texts[-1]
 
 
 def test_popups_pause_the_program_and_can_end_it(arm):
     message = tag("Popup", type="Message", haltProgram="false", message='say "hi"', inputType="Text")
     ending = tag("Popup", type="Error", haltProgram="true", message="broken", inputType="Text")
-    arm.start(main(message, say("on"), ending, say("never")))
+    arm.start(main(message, textmsg("on"), ending, textmsg("never")))
     arm.seconds(0.5)
     shown: list[Popup] = list(arm.controller.popups.shown)
     assert [popup.text for popup in shown] == ["say 'hi'"]
     assert arm.texts == []
-    assert arm.ask("close popup") == "closing popup"
+    assert arm.request("close popup") == "closing popup"
     arm.until(lambda: arm.state is RuntimeState.STOPPED)
     assert arm.texts == ["on"]
 
 
 def test_questions_to_the_operator(arm):
-    ask = tag("Assignment", tag("variable", name="n"), valueSource="Operator", message="How many?", valueType="Integer")
-    arm.start(main(ask))
+    request = tag(
+        "Assignment", tag("variable", name="n"), valueSource="Operator", message="How many?", valueType="Integer"
+    )
+    arm.start(main(request))
     arm.until(lambda: any(isinstance(message, RequestValueMessage) for message in arm.messages))
 
 
 def test_subprograms_inside_the_program_and_in_separate_files(arm):
-    arm.save("parts/pick.urp", main(say("pick")))
-    own = tag("subprogram", tag("children", say("place")), name="place it", keepSynchronizedWithDisk="false")
+    arm.save("parts/pick.urp", main(textmsg("pick")))
+    own = tag("subprogram", tag("children", textmsg("place")), name="place it", keepSynchronizedWithDisk="false")
     there = tag(
         "subprogram", tag("programFile", "/programs/parts/pick.urp"), name="pick", keepSynchronizedWithDisk="false"
     )
     kept = tag(
         "subprogram",
         tag("programFile", "/home/ur/ursim/programs/parts/pick.urp"),
-        children(say("old copy")),
+        children(textmsg("old copy")),
         name="pick2",
         keepSynchronizedWithDisk="true",
     )
@@ -273,7 +281,7 @@ def test_a_script_file_and_its_copy(arm):
 
 
 def test_the_copy_replaces_a_script_saved_with_a_program_of_the_same_name(arm):
-    arm.save("tools.urp", main(say("program")))
+    arm.save("tools.urp", main(textmsg("program")))
     (arm.folder / "tools.script").write_text('def tools():\n  textmsg("program")\nend\n')
     arm.play(
         tag("Script", tag("cachedContents", 'textmsg("copy")'), tag("file", "/programs/tools.script"), type="File")
@@ -282,7 +290,7 @@ def test_the_copy_replaces_a_script_saved_with_a_program_of_the_same_name(arm):
 
 
 def test_before_start_runs_once_and_variables_have_initial_values(arm):
-    before = tag("SpecialSequence", children(say("before")), type="BeforeStart")
+    before = tag("SpecialSequence", children(textmsg("before")), type="BeforeStart")
     init = tag("InitVariablesNode", tag("variables", tag("variable", expression("7"), name="n")))
     arm.start(init, before, main(line('textmsg("n ", n)'), sleep(0.5), once=False))
     arm.until(lambda: arm.texts.count("n 7") == 3)
@@ -300,6 +308,6 @@ def test_timers_run_while_started(arm):
 
 
 def test_threads_run_alongside_for_ever(arm):
-    thread = tag("Thread", children(say("tick"), sleep(0.2)), name="Thread 1", runOnlyOnce="false")
+    thread = tag("Thread", children(textmsg("tick"), sleep(0.2)), name="Thread 1", runOnlyOnce="false")
     arm.play(sleep(0.9), others=(thread,))
     assert arm.texts == ["tick"] * 5

@@ -39,7 +39,7 @@ def line(text: str) -> str:
     return tag("Script", expression(text), type="Line")
 
 
-def say(text: str) -> str:
+def textmsg(text: str) -> str:
     return line(f'textmsg("{text}")')
 
 
@@ -140,7 +140,7 @@ class Arm:
             self.tick()
         raise AssertionError(f"not reached within {limit_s} s; {self.state.name}, said {self.messages}")
 
-    def ask(self, command: str) -> str:
+    def request(self, command: str) -> str:
         answers: list[str] = []
         self.controller.post(DashboardLine(command), answers.append)
         self.until(lambda: answers)
@@ -153,8 +153,8 @@ class Arm:
     def start(self, *roots: str, **attributes: Any) -> None:
         """Save the tree, load and play it."""
         self.save("tree.urp", *roots, **attributes)
-        assert self.ask("load tree.urp").startswith("Loading program: /programs/tree.urp"), self.texts
-        assert self.ask("play") == "Starting program", self.messages
+        assert self.request("load tree.urp").startswith("Loading program: /programs/tree.urp"), self.texts
+        assert self.request("play") == "Starting program", self.messages
 
     def play(self, *nodes: str, others: tuple[str, ...] = (), **attributes: Any) -> float:
         """Play the nodes as a robot program that runs once, to its end; how long that took [s]."""

@@ -22,7 +22,7 @@ class EmulatorProcess(Process):
             stream = connection.makefile("rw", newline="\n")
             greeting = stream.readline()
             assert greeting == "Connected: Universal Robots Dashboard Server\n", greeting
-            return [_ask(stream, line) for line in lines]
+            return [_request(stream, line) for line in lines]
 
     def send_script(self, text: str) -> None:
         """Send text to the secondary script port."""
@@ -31,7 +31,7 @@ class EmulatorProcess(Process):
             connection.shutdown(socket.SHUT_WR)
 
 
-def _ask(stream: TextIO, line: str) -> str:
+def _request(stream: TextIO, line: str) -> str:
     stream.write(f"{line}\n")
     stream.flush()
     return stream.readline().rstrip("\n")

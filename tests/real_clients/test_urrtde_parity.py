@@ -86,14 +86,14 @@ def test_both_libraries_report_the_same_values(rig: Rig, control: RTDEControlInt
     control.disconnect()
     with Robot(rig.host) as robot:
         robot.make_ready()
-        ask = robot.kinematics
+        kinematics = robot.kinematics
         ours = {
-            "forward": ask.forward(OTHER_Q, TOOL),
-            "inverse": ask.inverse(ask.forward(OTHER_Q), OTHER_Q),
-            "jacobian": ask.jacobian(),
+            "forward": kinematics.forward(OTHER_Q, TOOL),
+            "inverse": kinematics.inverse(kinematics.forward(OTHER_Q), OTHER_Q),
+            "jacobian": kinematics.jacobian(),
             "mass": robot.dynamics.mass_matrix(),
             "offset": robot.tcp_offset(),
-            "pose_trans": ask.pose_trans(pose, TOOL),
+            "pose_trans": kinematics.pose_trans(pose, TOOL),
         }
         for name, value in theirs.items():
             np.testing.assert_allclose(np.ravel(ours[name]), np.ravel(value), atol=1e-6, err_msg=name)

@@ -74,7 +74,7 @@ class Robot:
         client.take()  # a greeting
         return client
 
-    def ask(self, port: str, data: bytes) -> bytes:
+    def request(self, port: str, data: bytes) -> bytes:
         """The answer to a new client that sends these bytes, once it is a complete line."""
         client = self.client(port)
         client.feed(data)
@@ -86,7 +86,7 @@ class Robot:
         return client.take()
 
     def command(self, line: bytes) -> bytes:
-        return self.ask("dashboard", line + b"\n").removesuffix(b"\n")
+        return self.request("dashboard", line + b"\n").removesuffix(b"\n")
 
     def call(self, verb: str, body: bytes = b"{}") -> tuple[int, Any]:
         """Status of the answer and its decoded JSON."""
@@ -169,7 +169,7 @@ def test_ports_return_text_byte_for_byte(robot: Robot, text: bytes) -> None:
     assert shown == text.strip()
     assert text.strip() in robot.command(b"nonsense " + text)
     robot.play(b"  interpreter_mode()\n")
-    assert text in robot.ask("interpreter", b'w = "%s"\n' % text)
+    assert text in robot.request("interpreter", b'w = "%s"\n' % text)
 
 
 def usual(kind: Any) -> Any:

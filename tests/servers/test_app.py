@@ -36,7 +36,7 @@ async def emulator(request: pytest.FixtureRequest) -> AsyncIterator[Emulator]:
         yield emulator
 
 
-async def ask(port: int, *lines: str) -> list[str]:
+async def send_request(port: int, *lines: str) -> list[str]:
     reader, writer = await asyncio.open_connection(HOST, port)
     answers = [await reader.readline()]
     for line in lines:
@@ -108,7 +108,7 @@ async def test_modbus_uses_a_free_port_if_its_default_is_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "host", "remote_control", "asked"),
+    ("model", "host", "remote_control", "shown"),
     [
         ("ur5e", "127.94.7.1", False, True),
         ("ur5e", "127.94.7.1", True, False),
@@ -117,14 +117,14 @@ async def test_modbus_uses_a_free_port_if_its_default_is_taken() -> None:
     ],
 )
 async def test_the_start_screen_shows_the_options_ur_rtde_needs(
-    model: str, host: str, remote_control: bool, asked: bool
+    model: str, host: str, remote_control: bool, shown: bool
 ) -> None:
     controller = ControllerConfig(model=load_model(model), remote_control=remote_control)
     async with Emulator(EmulatorConfig(controller=controller, host=host, ephemeral_ports=True)) as emulator:
         emulator.config = replace(emulator.config, ephemeral_ports=False)
         console = Console(record=True, width=160, file=io.StringIO())
         console.print(first_screen(emulator))
-    assert ("start with --remote-control" in console.export_text()) is asked
+    assert ("start with --remote-control" in console.export_text()) is shown
 
 
 async def test_an_address_of_another_machine() -> None:
@@ -134,7 +134,7 @@ async def test_an_address_of_another_machine() -> None:
 
 
 async def test_shutdown_ends_it(emulator: Emulator) -> None:
-    assert await ask(emulator.ports["dashboard"], "shutdown") == ["Shutting down"]
+    assert await send_request(emulator.ports["dashboard"], "shutdown") == ["Shutting down"]
     await asyncio.wait_for(emulator.stopped.wait(), 5)
 
 

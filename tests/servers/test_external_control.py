@@ -71,7 +71,7 @@ def emulator(folder: Path | None, port: int, network: ScriptNetwork = ScriptNetw
     return Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True, script_network=network))
 
 
-async def ask(emulator: Emulator, line: str) -> str:
+async def send_request(emulator: Emulator, line: str) -> str:
     answer: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     emulator.controller.post(DashboardLine(line), answer.set_result)
     return await asyncio.wait_for(answer, 20)
@@ -79,8 +79,8 @@ async def ask(emulator: Emulator, line: str) -> str:
 
 async def test_a_driver_is_requested_and_its_program_runs(tmp_path: Path, driver: Driver) -> None:
     async with emulator(tmp_path, driver.port) as robot:
-        await ask(robot, "load drive.urp")
-        assert await ask(robot, "play") == "Starting program"
+        await send_request(robot, "load drive.urp")
+        assert await send_request(robot, "play") == "Starting program"
         async with timeout(20):
             while robot.controller.programs.state is not RuntimeState.STOPPED or driver.ends == 0:
                 await asyncio.sleep(0.005)
@@ -90,15 +90,15 @@ async def test_a_driver_is_requested_and_its_program_runs(tmp_path: Path, driver
 
 async def test_a_robot_without_programs_has_the_external_control_program(driver: Driver) -> None:
     async with emulator(None, driver.port) as robot:
-        loaded = await ask(robot, "load external_control.urp")
+        loaded = await send_request(robot, "load external_control.urp")
         assert loaded.startswith("Loading program: /programs/external_control.urp,")
-        assert await ask(robot, "get loaded program") == "Loaded program: /programs/external_control.urp"
-        assert await ask(robot, "play") == "Starting program"
+        assert await send_request(robot, "get loaded program") == "Loaded program: /programs/external_control.urp"
+        assert await send_request(robot, "play") == "Starting program"
         async with timeout(20):
             while not any("driven" in line for line in robot.controller.messages.history):
                 await asyncio.sleep(0.005)
         assert robot.controller.programs.state is RuntimeState.PLAYING  # it starts again
-        assert (await ask(robot, "load loading.py")).startswith("File not found")
+        assert (await send_request(robot, "load loading.py")).startswith("File not found")
 
 
 async def test_a_closed_driver_port(tmp_path: Path) -> None:
@@ -106,8 +106,8 @@ async def test_a_closed_driver_port(tmp_path: Path) -> None:
         bound.bind((HOST, 0))
         port = bound.getsockname()[1]
         async with emulator(tmp_path, port) as robot:
-            await ask(robot, "load drive.urp")
-            assert await ask(robot, "play") == "Starting program"
+            await send_request(robot, "load drive.urp")
+            assert await send_request(robot, "play") == "Starting program"
             text = await popup(robot)
     assert (
         text == f"The connection to the remote PC at {HOST}:{port} could not be established. Reason: Connection refused"
@@ -116,8 +116,8 @@ async def test_a_closed_driver_port(tmp_path: Path) -> None:
 
 async def test_script_network_restrictions_apply_to_external_control(tmp_path: Path, driver: Driver) -> None:
     async with emulator(tmp_path, driver.port, ScriptNetwork.NONE) as robot:
-        await ask(robot, "load drive.urp")
-        await ask(robot, "play")
+        await send_request(robot, "load drive.urp")
+        await send_request(robot, "play")
         assert "the script network is none" in await popup(robot)
     assert driver.requests == []
 

@@ -43,7 +43,7 @@ class Client:
         self.reader = reader
         self.writer = writer
 
-    async def ask(self, request: bytes) -> bytes:
+    async def request(self, request: bytes) -> bytes:
         """The answer, after any number of control periods."""
         self.writer.write(request)
         answer = asyncio.create_task(self.reader.read(1000))
@@ -65,23 +65,23 @@ async def client(emulator: Emulator) -> AsyncIterator[Client]:
 async def test_a_client_grips_something(emulator: Emulator, client: Client) -> None:
     gripper = emulator.controller.gripper
     assert gripper is not None
-    assert await client.ask(b"GET STA\n") == b"STA 0\n"
-    assert await client.ask(b"SET ACT 1\n") == b"ack"
-    while await client.ask(b"GET STA\n") != b"STA 3\n":
+    assert await client.request(b"GET STA\n") == b"STA 0\n"
+    assert await client.request(b"SET ACT 1\n") == b"ack"
+    while await client.request(b"GET STA\n") != b"STA 3\n":
         pass
-    assert await client.ask(b"SET POS 255 SPE 255 FOR 10 GTO 1\n") == b"ack"
-    assert await client.ask(b"GET PRE\n") == b"PRE 255\n"
-    while await client.ask(b"GET OBJ\n") == b"OBJ 0\n":
+    assert await client.request(b"SET POS 255 SPE 255 FOR 10 GTO 1\n") == b"ack"
+    assert await client.request(b"GET PRE\n") == b"PRE 255\n"
+    while await client.request(b"GET OBJ\n") == b"OBJ 0\n":
         pass
-    assert await client.ask(b"GET OBJ\nGET POS\nGET FLT\n") == b"OBJ 2\nPOS 150\nFLT 00\n", "in one piece"
+    assert await client.request(b"GET OBJ\nGET POS\nGET FLT\n") == b"OBJ 2\nPOS 150\nFLT 00\n", "in one piece"
     assert gripper.position == pytest.approx(MODEL.count(30.0))
 
 
 async def test_both_dialects_on_one_connection(client: Client) -> None:
-    assert await client.ask(b"GET PRE") == b"000"
-    assert await client.ask(b"GET PRE\n") == b"PRE 000\n"
-    assert await client.ask(b"rubbish\n") == b"nack"
-    assert await client.ask(b"GET DST") == b"4"
+    assert await client.request(b"GET PRE") == b"000"
+    assert await client.request(b"GET PRE\n") == b"PRE 000\n"
+    assert await client.request(b"rubbish\n") == b"nack"
+    assert await client.request(b"GET DST") == b"4"
 
 
 async def test_the_last_request_is_answered_before_the_connection_ends(emulator: Emulator, client: Client) -> None:
@@ -102,7 +102,7 @@ async def test_a_flood_ends_only_its_own_connection(emulator: Emulator, client: 
     async with timeout(10):
         while len(server.connections) != 1:
             await asyncio.sleep(0)
-    assert await client.ask(b"GET STA\n") == b"STA 0\n"
+    assert await client.request(b"GET STA\n") == b"STA 0\n"
     flooding.transport.abort()
 
 
@@ -114,7 +114,7 @@ async def test_hooks_see_and_change_requests(emulator: Emulator, client: Client)
         return Get("STA") if message == Get("POS") else message
 
     emulator.servers["gripper"].hooks.on_message.append(hook)
-    assert await client.ask(b"GET POS\n") == b"STA 0\n"
+    assert await client.request(b"GET POS\n") == b"STA 0\n"
     assert seen == [(Direction.RECEIVED, Get("POS")), (Direction.SENT, b"STA 0\n")]
 
 

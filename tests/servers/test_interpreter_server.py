@@ -144,12 +144,12 @@ class Client:
         async with timeout(10):
             return (await self.reader.readline()).decode().rstrip("\n")
 
-    async def ask(self, line: str) -> str:
+    async def request(self, line: str) -> str:
         self.writer.write(f"{line}\n".encode())
         return await self.answer()
 
     async def number(self, line: str) -> int:
-        match = self.REPLY.match(await self.ask(line))
+        match = self.REPLY.match(await self.request(line))
         assert match is not None
         assert match[1] in ("ack", "state"), match.string
         return int(match[2])
@@ -174,12 +174,12 @@ async def begin(emulator: Emulator, script: bytes = b"interpreter_mode()\n") -> 
 
 async def test_a_session(emulator: Emulator) -> None:
     client = await Client.connect(emulator)
-    assert await client.ask("x = 1") == NO_PROGRAM + "x = 1"
+    assert await client.request("x = 1") == NO_PROGRAM + "x = 1"
     script = await begin(emulator)
     goal = "[0.4, -1.57, 0.3, -1.57, 0, 0]"
-    assert await client.ask(f"movej({goal}, a=3, v=1)") == f"ack: 1: movej({goal}, a=3, v=1)"
+    assert await client.request(f"movej({goal}, a=3, v=1)") == f"ack: 1: movej({goal}, a=3, v=1)"
     assert await client.number("movej([2.0, -1.57, 0, -1.57, 0, 0])") == 2
-    assert await client.ask("set_digital_out(") == "discard: Syntax error: set_digital_out("
+    assert await client.request("set_digital_out(") == "discard: Syntax error: set_digital_out("
     last = await client.number("set_digital_out(2, True)")
     async with timeout(20):
         while await client.number("statelastexecuted") < 2:
@@ -196,7 +196,7 @@ async def test_a_session(emulator: Emulator) -> None:
     assert await client.number("clear_interpreter()") == last + 1
     assert await client.number("end_interpreter()") == last + 2
     async with timeout(10):
-        while not (await client.ask("statelastexecuted")).startswith(NO_PROGRAM):
+        while not (await client.request("statelastexecuted")).startswith(NO_PROGRAM):
             await asyncio.sleep(0)
     client.writer.close()
     script.close()

@@ -216,7 +216,7 @@ ANSWER = bytes.fromhex("0001 0000 0007 09 03 04 000a 0102")
 
 async def test_frames_byte_by_byte(peer: tuple[Peer, ModbusClient]) -> None:
     there, client = peer
-    exchange = client.ask(UNIT, READ, sequential=False)
+    exchange = client.request(UNIT, READ, sequential=False)
     reader, writer = await there.connections.get()
     assert await reader.readexactly(len(ASKED)) == ASKED
     for byte in ANSWER:
@@ -227,8 +227,8 @@ async def test_frames_byte_by_byte(peer: tuple[Peer, ModbusClient]) -> None:
 
 async def test_requests_do_not_wait_for_answers_unless_they_are_sequential(peer: tuple[Peer, ModbusClient]) -> None:
     there, client = peer
-    free = [client.ask(UNIT, READ, sequential=False) for _ in range(2)]
-    alone = [client.ask(UNIT, READ, sequential=True) for _ in range(2)]
+    free = [client.request(UNIT, READ, sequential=False) for _ in range(2)]
+    alone = [client.request(UNIT, READ, sequential=True) for _ in range(2)]
     reader, writer = await there.connections.get()
     assert len(await reader.readexactly(24)) == 24
     writer.write(b"\0\2" + ANSWER[2:])  # out of order
@@ -255,7 +255,7 @@ async def test_requests_do_not_wait_for_answers_unless_they_are_sequential(peer:
 )
 async def test_invalid_data_ends_only_the_connection(peer: tuple[Peer, ModbusClient], rubbish: bytes) -> None:
     there, client = peer
-    exchange = client.ask(UNIT, READ, sequential=False)
+    exchange = client.request(UNIT, READ, sequential=False)
     reader, writer = await there.connections.get()
     await reader.readexactly(12)
     writer.write(rubbish)
@@ -267,16 +267,16 @@ async def test_invalid_data_ends_only_the_connection(peer: tuple[Peer, ModbusCli
 
 async def test_a_lost_connection_fails_immediately_and_returns_after_a_pause(peer: tuple[Peer, ModbusClient]) -> None:
     there, client = peer
-    exchange = client.ask(UNIT, READ, sequential=False)
+    exchange = client.request(UNIT, READ, sequential=False)
     reader, writer = await there.connections.get()
     await reader.readexactly(12)
     writer.close()
     assert await answer(exchange) == ((), 0, DISCONNECTED)
-    assert await answer(client.ask(UNIT, READ, sequential=False)) == ((), 0, DISCONNECTED), (
+    assert await answer(client.request(UNIT, READ, sequential=False)) == ((), 0, DISCONNECTED), (
         "not before the pause is over"
     )
     client.reset(HOST)
-    again = client.ask(UNIT, READ, sequential=False)
+    again = client.request(UNIT, READ, sequential=False)
     reader, writer = await there.connections.get()
     writer.write(ANSWER)
     assert await answer(again) == ((10, 258), 0, 0)
@@ -285,11 +285,11 @@ async def test_a_lost_connection_fails_immediately_and_returns_after_a_pause(pee
 async def test_silence_is_a_timeout(peer: tuple[Peer, ModbusClient], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emulator.servers.modbus_client._ANSWER_S", 0.02)
     there, client = peer
-    assert await answer(client.ask(UNIT, READ, sequential=True)) == ((), 0, errno.ETIMEDOUT)
+    assert await answer(client.request(UNIT, READ, sequential=True)) == ((), 0, errno.ETIMEDOUT)
     reader, writer = await there.connections.get()
     writer.write(ANSWER)  # too late, and ignored
     for _ in range(2):
-        assert await answer(client.ask(UNIT, READ, sequential=True)) == ((), 0, errno.ETIMEDOUT)
+        assert await answer(client.request(UNIT, READ, sequential=True)) == ((), 0, errno.ETIMEDOUT)
     await reader.read()  # the connection was given up: this ends
 
 
@@ -299,7 +299,7 @@ async def test_custom_commands_and_their_answers(peer: tuple[Peer, ModbusClient]
     reader, writer = await there.connections.get()
     assert await reader.readexactly(10) == bytes.fromhex("0001 0000 0004 09 41 01 02")
     writer.write(bytes.fromhex("0001 0000 0004 09 41 07 07"))
-    exchange = client.ask(UNIT, READ, sequential=False)
+    exchange = client.request(UNIT, READ, sequential=False)
     await reader.readexactly(12)
     writer.write(b"\0\2" + ANSWER[2:])
     assert await answer(exchange) == ((10, 258), 0, 0)
@@ -307,24 +307,24 @@ async def test_custom_commands_and_their_answers(peer: tuple[Peer, ModbusClient]
 
 async def test_closing_ends_pending_requests(peer: tuple[Peer, ModbusClient]) -> None:
     _, client = peer
-    connecting = client.ask(UNIT, READ, sequential=False)
+    connecting = client.request(UNIT, READ, sequential=False)
     client.release(UNIT)
     assert await answer(connecting) == ((), 0, DISCONNECTED)
-    client.ask(UNIT, READ, sequential=False)
+    client.request(UNIT, READ, sequential=False)
     await client.close()
     assert [task for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []
 
 
 async def test_a_flood_is_bounded(peer: tuple[Peer, ModbusClient]) -> None:
     _, client = peer
-    exchanges = [client.ask(UNIT, READ, sequential=True) for _ in range(300)]
+    exchanges = [client.request(UNIT, READ, sequential=True) for _ in range(300)]
     assert {exchange.connection_error for exchange in exchanges if exchange.done} == {errno.EAGAIN}
 
 
 async def test_the_number_of_units_is_limited(peer: tuple[Peer, ModbusClient], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emulator.servers.modbus_client._MAX_UNITS", 2)
     _, client = peer
-    exchanges = [client.ask(ModbusUnit(HOST, slave), READ, sequential=False) for slave in range(3)]
+    exchanges = [client.request(ModbusUnit(HOST, slave), READ, sequential=False) for slave in range(3)]
     assert [exchange.connection_error for exchange in exchanges] == [0, 0, errno.EMFILE]
     client.send(ModbusUnit(HOST, 9), b"\1")
 
@@ -332,7 +332,9 @@ async def test_the_number_of_units_is_limited(peer: tuple[Peer, ModbusClient], m
 @pytest.mark.parametrize("address", ["no.such.host.invalid", "256.0.0.1", "x" * 70 + ".", "\0"])
 async def test_impossible_addresses(peer: tuple[Peer, ModbusClient], address: str) -> None:
     _, client = peer
-    values, device_error, connection_error = await answer(client.ask(ModbusUnit(address, 1), READ, sequential=False))
+    values, device_error, connection_error = await answer(
+        client.request(ModbusUnit(address, 1), READ, sequential=False)
+    )
     assert (values, device_error) == ((), 0)
     assert connection_error in (errno.EHOSTUNREACH, errno.EINVAL, errno.ETIMEDOUT)
 

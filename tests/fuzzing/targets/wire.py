@@ -118,15 +118,15 @@ def _modbus_seeds() -> Iterator[bytes]:
 @target(_modbus_seeds)
 def modbus_frames(data: bytes) -> None:
     frames = in_any_split(modbus.FrameDecoder, data)
-    asked = [modbus.ModbusRequest(3, 0, 2), modbus.ModbusRequest(1, 0, 9), modbus.ModbusRequest(16, 1, 2, (5, 6))]
+    requested = [modbus.ModbusRequest(3, 0, 2), modbus.ModbusRequest(1, 0, 9), modbus.ModbusRequest(16, 1, 2, (5, 6))]
     for frame in frames:
         with suppress(modbus.ModbusException):
             request = modbus.decode_request(frame.pdu)
-            asked.append(request)
+            requested.append(request)
             if modbus.decode_request(modbus.encode_request(request)) != request:
                 raise Finding(f"{request} is another one after encoding")
     for frame in frames:
-        for request in asked:
+        for request in requested:
             with suppress(modbus.ModbusException, RemoteProtocolError):
                 modbus.decode_response(request, frame.pdu)
 
