@@ -26,6 +26,7 @@ from emulator.clock import ClockStatistics, RealClock
 from emulator.commands.requests import ScriptUnit
 from emulator.config import EmulatorConfig, controller_config
 from emulator.controller import Controller
+from emulator.learning.pick_and_place import LONGEST
 from emulator.physics.world import PhysicsWorld
 from emulator.realtime import claim_real_time, freeze_heap
 
@@ -243,10 +244,13 @@ def measure_learning() -> Table:
         pace, alone = (max(values) for values in zip(*paces, strict=True))
         env.close()
         rows.append([name, f"{pace:.1f}", f"{alone:.1f}", f"{pace / alone:.2f}"])
+    count = os.cpu_count() or 1
+    rows.append([f"random, in {count} processes", f"{_vector_pace(count):.1f}", "", ""])
     note = (
         f"Robot seconds of ur_emulator/PickAndPlace-v0 (125 Hz, no cameras) per second of CPU time: best of {EPISODES} "
         "episodes including their resets. Actions are random, or those of the example's scripted policy. Bare: "
-        "`mj_step` of its scene at rest, and nothing else, between the episodes."
+        "`mj_step` of its scene at rest, and nothing else, between the episodes. In processes: a vector environment "
+        "with one process per core, per second of real time. Requirement: 60."
     )
     return Table("Gymnasium", note, ["actions", "robot s/s", "bare robot s/s", "share"], rows)
 
@@ -261,6 +265,28 @@ def _pace(env: "gymnasium.Env[Any, Any]", actions: str, seed: int) -> float:
         steps, over = steps + 1, ended or late
     step_s: float = env.unwrapped.step_s  # type: ignore[attr-defined]
     return steps * step_s / (time.process_time() - began)
+
+
+def _vector_pace(count: int) -> float:
+    """Robot seconds per second of real time of all environments together."""
+    envs = gymnasium.make_vec(
+        "emulator.learning:ur_emulator/PickAndPlace-v0",
+        num_envs=count,
+        vectorization_mode="async",
+        vector_kwargs={"context": "spawn"},
+    )
+    try:
+        envs.reset(seed=0)
+        (step_s,) = set(envs.get_attr("step_s"))
+        paces = []
+        for _ in range(EPISODES):
+            began = time.monotonic()
+            for _ in range(LONGEST):
+                envs.step(envs.action_space.sample())
+            paces.append(count * LONGEST * step_s / (time.monotonic() - began))
+        return max(paces)
+    finally:
+        envs.close()
 
 
 def _bare_pace(period: Callable[[], None], period_s: float) -> float:

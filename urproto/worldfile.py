@@ -29,7 +29,7 @@ from urproto.yamltext import NotYaml, load_yaml
 
 MATERIAL: Final = ("stiffness", "damping", "friction")
 MOVING: Final = ("mass", "slide", "hinge", "conveyor", "lamp", "colour", "coupling")
-SECTIONS: Final = ("scene", "mounted", "barriers", "cameras")
+SECTIONS: Final = ("scene", "step", "mounted", "barriers", "cameras")
 
 
 class WorldFileError(ValueError):

@@ -14,7 +14,7 @@ from urproto.compat import IntEnum
 _IMPEDANCE: Final = 0.99
 _STIFFNESS_N_M: Final = 20_000.0  # of links against fixed objects, as in emulator.world.shapes (guess)
 _DAMPING_N_S_M: Final = 200.0  # guess
-_TIME_CONSTANT_S: Final = 0.005  # of contacts; the solver requires at least two steps
+_TIME_CONSTANT_S: Final = 0.005  # of contacts; where that is less than two steps, MuJoCo uses two steps instead
 
 
 class Kind(Enum):

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 from emulator.devices.robotiq import GripperModel
 from emulator.physics.description import Barrier, Camera, Mounted, moving_of, read, section
 from emulator.physics.grippers import HandShape, parallel_hand, robotiq_hand
-from emulator.physics.plan import Cup, MountedShape, PhysicsPlan, Plate
+from emulator.physics.plan import STEP_S, Cup, MountedShape, PhysicsPlan, Plate
 from emulator.world.world import World, WorldError
 from urproto.robots import RobotModel
+from urproto.text import quoted
 from urproto.worldfile import ObjectDescription, WorldFileError, read_description, read_world_file
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 SCENE_FILES: Final = (".xml", ".urdf")
 _GRIPPERS: Final = ("parallel", "suction", "changer")
 _OF_MOUNTED: Final = {"mass", "colour"}
+_STEPS_S: Final = (0.0001, 0.004)  # with longer ones, contacts are too soft to grip (guess)
 _MAX_FRICTION: Final = 10.0  # as in a world of springs
 
 
@@ -95,6 +97,7 @@ def _read_world(path: Path) -> ScenePlan:
     return ScenePlan(
         path,
         scene=None if scene is None else path.parent / scene,
+        step_s=_step(world.sections.get("step", STEP_S)),
         things=things,
         moving=moving,
         tool=None if world.tool is None else _resolve_mesh(path, _solid("tool", world.tool)),
@@ -102,6 +105,13 @@ def _read_world(path: Path) -> ScenePlan:
         barriers=section(world.sections, "barriers", Barrier),
         cameras=section(world.sections, "cameras", Camera),
     )
+
+
+def _step(given: Any) -> float:
+    shortest, longest = _STEPS_S
+    if isinstance(given, bool) or not isinstance(given, int | float) or not shortest <= given <= longest:
+        raise ValueError(f"step must be a number from {shortest:g} to {longest:g} [s], not {quoted(given)}")
+    return float(given)
 
 
 def _solid(name: str, thing: ObjectDescription) -> ObjectDescription:

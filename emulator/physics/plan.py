@@ -3,10 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from emulator.physics.description import Barrier, Camera, Changer, Colour, Moving, Suction
 from emulator.physics.grippers import HandShape
 from urproto.worldfile import ObjectDescription
+
+STEP_S: Final = 0.002
+"""The longest step of a scene whose file names none."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +43,12 @@ class Plate:
 class PhysicsPlan:
     """The plan of a scene, from which one scene per controller is built.
 
-    scene: a MuJoCo or URDF file, None for none. hands: grippers on outputs; gripper: the one of ``--gripper``.
+    scene: a MuJoCo or URDF file, None for none. step_s: the longest step of the physics. hands: grippers on outputs; gripper: the one of ``--gripper``.
     """
 
     source: Path
     scene: Path | None = None
+    step_s: float = STEP_S
     things: Mapping[str, ObjectDescription] = field(default_factory=dict)
     moving: Mapping[str, Moving] = field(default_factory=dict)
     tool: ObjectDescription | None = None

@@ -19,8 +19,6 @@ from emulator.physics.suction import add_suction
 from urproto.robots import RobotModel, kinematics_of
 from urproto.worldfile import ObjectDescription
 
-STEP_S: Final = 0.002
-"""The longest step; a scene file may have a shorter one."""
 _OVERLAP_M: Final = 0.002  # permitted overlap of objects at the start: they push each other apart gently (guess)
 _MAX_STEPS: Final = 100  # in a control period of 8 ms
 _ARMATURE_KG: Final = 0.05  # of a cylinder's drive (guess)
@@ -59,7 +57,7 @@ class Scene:
 def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
     """Build the plan's scene with an arm in it. Raises SceneError."""
     try:
-        spec = mujoco.MjSpec() if plan.scene is None else _read(plan.scene)
+        spec = _empty(plan.step_s) if plan.scene is None else _read(plan.scene)
         _prepare(spec)
         for name, thing in plan.things.items():
             _add_thing(spec, name, thing, plan.moving[name])
@@ -69,7 +67,7 @@ def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
             _add_camera(spec, name, camera)
         if not spec.lights:
             spec.worldbody.add_light(pos=[0.5, -0.5, 2.5], dir=[-0.2, 0.2, -1.0], castshadow=False)
-        wanted = min(STEP_S, spec.option.timestep)
+        wanted = min(plan.step_s, spec.option.timestep)
         steps = max(1, int(np.ceil(period_s / wanted - 1e-9)))
         if steps > _MAX_STEPS:
             raise SceneError(f"the time step of {spec.option.timestep:g} s is too short: use 0.0001 or more")
@@ -102,6 +100,12 @@ def check_start(scene: Scene, arm: RobotModel, q: Sequence[float]) -> None:
 def _owner(model: Any, geom: int) -> str:
     body = int(model.geom_bodyid[geom])
     return model.geom(geom).name or model.body(body).name.removesuffix(MOUNTING) if body else "a fixed object"
+
+
+def _empty(step_s: float) -> Any:
+    spec = mujoco.MjSpec()
+    spec.option.timestep = step_s
+    return spec
 
 
 def _read(path: Path) -> Any:

@@ -33,7 +33,9 @@ def level(signals: Signals, output: int) -> bool:
 
 def _set(signals: Signals, number: int, high: bool) -> None:
     mask = 1 << number
-    signals.digital_inputs = signals.digital_inputs | mask if high else signals.digital_inputs & ~mask
+    inputs = signals.digital_inputs
+    if bool(inputs & mask) is not high:  # otherwise all signals would be published again
+        signals.digital_inputs = inputs ^ mask
 
 
 class Belt:
