@@ -43,7 +43,8 @@ class Plate:
 class PhysicsPlan:
     """The plan of a scene, from which one scene per controller is built.
 
-    scene: a MuJoCo or URDF file, None for none. step_s: the longest step of the physics. hands: grippers on outputs; gripper: the one of ``--gripper``.
+    scene: a MuJoCo or URDF file, None for none. step_s: the longest step of the physics. hands: grippers on outputs;
+    gripper: the one of ``--gripper``.
     """
 
     source: Path
