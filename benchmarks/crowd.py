@@ -35,9 +35,9 @@ def measure(seconds: float = SECONDS) -> Table:
     note = (
         f"Lateness over {seconds:g} s, with one RTDE client at the full rate. Idle clients never read; they connect in "
         f"the first second, spread over the ports. The third crowd faces a limit of {FEW} files and connections, and "
-        "reconnects whenever it is refused."
+        "reconnects whenever it is refused. Bare loop: periods missed by a loop that only sleeps, at the same time."
     )
-    columns = ["arm", "crowd", "p50", "p99", "p99.9", "worst", "missed", "collector", "lost", "sockets"]
+    columns = ["arm", "crowd", "p50", "p99", "p99.9", "worst", "missed", "collector", "lost", "sockets", "bare loop"]
     return Table("A crowd of clients", note, columns, rows)
 
 
@@ -45,14 +45,16 @@ def _run(model: str, crowd: "Crowd", seconds: float) -> list[str]:
     serve = child("serve", model)
     assert serve.stdout is not None
     ports = json.loads(serve.stdout.readline())
-    healthy, received = connect(ports["rtde"], 1 / load_model(model).series.period_s), bytearray()
+    period_s = load_model(model).series.period_s
+    healthy, received = connect(ports["rtde"], 1 / period_s), bytearray()
+    bare = child("sleep", str(period_s), str(seconds))
     with crowd(serve, ports) as let_in:
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             received += healthy.recv(65536)
         inside = let_in()
     healthy.close()
-    return [*result(serve), str(gaps(bytes(received), load_model(model).series.period_s)), str(inside)]
+    return [*result(serve), str(gaps(bytes(received), period_s)), str(inside), result(bare)[-1]]
 
 
 Crowd = Callable[["subprocess.Popen[str]", Mapping[str, int]], AbstractContextManager[Callable[[], int]]]
