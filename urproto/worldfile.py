@@ -53,10 +53,10 @@ class ObjectDescription:
 
 @dataclass(frozen=True, slots=True)
 class WorldDescription:
-    """The contents of a world file. things: objects by name. tool: None without one. links: whether the arm's links
+    """The contents of a world file. objects: objects by name. tool: None without one. links: whether the arm's links
     make contact. sections: the given sections of `SECTIONS`, unparsed."""
 
-    things: Mapping[str, ObjectDescription]
+    objects: Mapping[str, ObjectDescription]
     tool: ObjectDescription | None = None
     links: bool = False
     sections: Mapping[str, Any] = field(default_factory=dict)
@@ -78,10 +78,10 @@ def _world(content: Any, shapes: Collection[str]) -> WorldDescription:
     if not isinstance(links, bool):
         raise ValueError(f"links must be true or false, not {quoted(links)}")
     tool = read_description("tool", top["tool"], shapes, tool=True) if "tool" in top else None
-    things = top.get("objects") or {}
-    if not isinstance(things, dict):
-        raise ValueError(f"objects must be a mapping of names, not {quoted(things)}")
-    described = {str(name): read_description(str(name), given, shapes) for name, given in things.items()}
+    objects = top.get("objects") or {}
+    if not isinstance(objects, dict):
+        raise ValueError(f"objects must be a mapping of names, not {quoted(objects)}")
+    described = {str(name): read_description(str(name), given, shapes) for name, given in objects.items()}
     return WorldDescription(described, tool, links, {key: top[key] for key in SECTIONS if key in top})
 
 

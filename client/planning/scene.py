@@ -240,7 +240,7 @@ class PlanningScene:
         except WorldFileError as error:
             raise SceneError(str(error)) from error
         try:
-            for name, obj in world.things.items():
+            for name, obj in world.objects.items():
                 self.add(name, _shape(obj, path.parent), obj.pose)
             if world.tool is not None:
                 pose = pose_trans(_pose("the TCP", tcp_offset), world.tool.pose)

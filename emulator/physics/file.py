@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from emulator.devices.robotiq import GripperModel
 from emulator.physics.description import Barrier, Camera, Mounted, moving_of, read, section
-from emulator.physics.grippers import HandShape, parallel_hand, robotiq_hand
+from emulator.physics.grippers import GripperShape, parallel_gripper, robotiq_gripper
 from emulator.physics.plan import STEP_S, Cup, MountedShape, PhysicsPlan, Plate
 from emulator.world.world import World, WorldError
 from urproto.robots import RobotModel
@@ -74,7 +74,7 @@ def read_physics(path: Path, gripper: GripperModel | None = None) -> ScenePlan:
         plan = ScenePlan(path, scene=path) if path.suffix.lower() in SCENE_FILES else _read_world(path)
         if plan.scene is not None:
             plan.scene.open("rb").close()  # raises OSError for a missing file
-        return replace(plan, gripper=None if gripper is None else robotiq_hand(gripper))
+        return replace(plan, gripper=None if gripper is None else robotiq_gripper(gripper))
     except WorldFileError:
         raise
     except ValueError as error:
@@ -83,9 +83,9 @@ def read_physics(path: Path, gripper: GripperModel | None = None) -> ScenePlan:
 
 def _read_world(path: Path) -> ScenePlan:
     world = read_world_file(path, SHAPES)
-    things = {name: _resolve_mesh(path, _solid(name, thing)) for name, thing in world.things.items()}
-    moving = {name: moving_of(name, thing) for name, thing in things.items()}
-    for name, thing in things.items():
+    objects = {name: _resolve_mesh(path, _solid(name, thing)) for name, thing in world.objects.items()}
+    moving = {name: moving_of(name, thing) for name, thing in objects.items()}
+    for name, thing in objects.items():
         if thing.shape == "plane" and moving[name].mass is not None:
             raise ValueError(f"{name}: a plane is infinite: leave its mass out, or use a box")
     tools = [name for name, one in moving.items() if one.coupling is not None]
@@ -98,7 +98,7 @@ def _read_world(path: Path) -> ScenePlan:
         path,
         scene=None if scene is None else path.parent / scene,
         step_s=_step(world.sections.get("step", STEP_S)),
-        things=things,
+        objects=objects,
         moving=moving,
         tool=None if world.tool is None else _resolve_mesh(path, _solid("tool", world.tool)),
         **_mounted(path, world.sections.get("mounted") or {}, tools),
@@ -140,9 +140,9 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
     """Read the section of mounted parts, as keyword arguments of a plan. tools: names of objects with couplings."""
     if not isinstance(given, dict):
         raise ValueError("mounted must be a mapping from names")
-    bolted: dict[str, tuple[ObjectDescription, MountedShape]] = {}
+    shapes: dict[str, tuple[ObjectDescription, MountedShape]] = {}
     cups: dict[str, Cup] = {}
-    hands: dict[str, HandShape] = {}
+    grippers: dict[str, GripperShape] = {}
     changers: dict[str, Plate] = {}
     for name, what in given.items():
         if isinstance(what, dict) and any(kind in what for kind in _GRIPPERS):
@@ -154,7 +154,7 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
             if mounted.suction is not None:
                 cups[str(name)] = Cup(mounted.suction, mounted.pose, mounted.tool)
             elif mounted.parallel is not None:
-                hands[str(name)] = parallel_hand(str(name), mounted.parallel, mounted.pose, mounted.tool)
+                grippers[str(name)] = parallel_gripper(str(name), mounted.parallel, mounted.pose, mounted.tool)
             elif mounted.changer is not None:
                 changers[str(name)] = Plate(mounted.changer, mounted.pose)
             continue
@@ -162,5 +162,5 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
         if strange := set(thing.moving) - _OF_MOUNTED:
             raise ValueError(f"{name}: {min(strange)} is not possible for a part mounted on the flange")
         moving = moving_of(str(name), thing)
-        bolted[str(name)] = thing, MountedShape(moving.mass or 0.0, thing.material.get("friction", 0.5), moving.colour)
-    return {"bolted": bolted, "cups": cups, "hands": hands, "changers": changers}
+        shapes[str(name)] = thing, MountedShape(moving.mass or 0.0, thing.material.get("friction", 0.5), moving.colour)
+    return {"mounted_shapes": shapes, "cups": cups, "output_grippers": grippers, "changers": changers}

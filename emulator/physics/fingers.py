@@ -7,7 +7,7 @@ import mujoco
 
 from emulator.physics.arm_bodies import PREFIX, quaternion
 from emulator.physics.contacts import Kind, touching
-from emulator.physics.grippers import HandShape
+from emulator.physics.grippers import GripperShape
 
 _SIDES: Final = (("left", 1.0), ("right", -1.0))
 _FINGER_KG: Final = 0.1
@@ -21,7 +21,7 @@ _LEAD_M: Final = 0.001  # of the setpoint, beyond the value that gives the full 
 _RUBBER: Final = (0.15, 0.15, 0.16, 1.0)
 
 
-def add_fingers(spec: Any, flange: Any, shape: HandShape) -> None:
+def add_fingers(spec: Any, flange: Any, shape: GripperShape) -> None:
     """Add palm and fingers, coupled as by a gear, with a motor at each."""
     radius, length = shape.palm
     thickness, width, reach = shape.pad
@@ -75,7 +75,7 @@ def add_fingers(spec: Any, flange: Any, shape: HandShape) -> None:
 class Fingers:
     """The fingers of a compiled scene. ``width``: between the pads [m]. ``stopped``: an object blocks them."""
 
-    def __init__(self, shape: HandShape, model: Any) -> None:
+    def __init__(self, shape: GripperShape, model: Any) -> None:
         self.shape = shape
         first = f"{PREFIX}{shape.name}/{_SIDES[0][0]}"
         self._model = model

@@ -13,7 +13,7 @@ GRIPPER: Final = "gripper"
 
 
 @dataclass(frozen=True, kw_only=True)
-class HandShape:
+class GripperShape:
     """Two fingers that move towards each other along y.
 
     pose: of the palm in the flange's frame, fingers along z. stroke: between the open pads [m]. palm: radius and
@@ -48,10 +48,10 @@ _ROBOTIQ: Final = {
 _JAW_KG: Final = 0.5  # of a gripper on outputs (guess)
 
 
-def robotiq_hand(model: GripperModel) -> HandShape:
+def robotiq_gripper(model: GripperModel) -> GripperShape:
     """The shape of a gripper of ``--gripper``."""
     palm, pad, mass, force = _ROBOTIQ[model.title]
-    return HandShape(
+    return GripperShape(
         name=GRIPPER,
         pose=(0.0,) * 6,
         stroke=model.stroke_mm / 1000.0,
@@ -62,9 +62,9 @@ def robotiq_hand(model: GripperModel) -> HandShape:
     )
 
 
-def parallel_hand(name: str, parallel: Parallel, pose: Sequence[float], tool: str = "") -> HandShape:
+def parallel_gripper(name: str, parallel: Parallel, pose: Sequence[float], tool: str = "") -> GripperShape:
     """The shape of a gripper on an output."""
-    return HandShape(
+    return GripperShape(
         name=name,
         pose=(*pose, 0.0, 0.0, 0.0)[:6],
         stroke=parallel.stroke,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from emulator.physics.description import Barrier, Camera, Changer, Colour, Moving, Suction
-from emulator.physics.grippers import HandShape
+from emulator.physics.grippers import GripperShape
 from urproto.worldfile import ObjectDescription
 
 STEP_S: Final = 0.002
@@ -43,21 +43,21 @@ class Plate:
 class PhysicsPlan:
     """The plan of a scene, from which one scene per controller is built.
 
-    scene: a MuJoCo or URDF file, None for none. step_s: the longest step of the physics. hands: grippers on outputs;
-    gripper: the one of ``--gripper``.
+    scene: a MuJoCo or URDF file, None for none. step_s: the longest step of the physics. output_grippers: those on
+    digital outputs. gripper: the one of ``--gripper``.
     """
 
     source: Path
     scene: Path | None = None
     step_s: float = STEP_S
-    things: Mapping[str, ObjectDescription] = field(default_factory=dict)
+    objects: Mapping[str, ObjectDescription] = field(default_factory=dict)
     moving: Mapping[str, Moving] = field(default_factory=dict)
     tool: ObjectDescription | None = None
-    bolted: Mapping[str, tuple[ObjectDescription, MountedShape]] = field(default_factory=dict)
+    mounted_shapes: Mapping[str, tuple[ObjectDescription, MountedShape]] = field(default_factory=dict)
     cups: Mapping[str, Cup] = field(default_factory=dict)
-    hands: Mapping[str, HandShape] = field(default_factory=dict)
+    output_grippers: Mapping[str, GripperShape] = field(default_factory=dict)
     changers: Mapping[str, Plate] = field(default_factory=dict)
-    gripper: HandShape | None = None
+    gripper: GripperShape | None = None
     barriers: Mapping[str, Barrier] = field(default_factory=dict)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
 

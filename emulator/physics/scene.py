@@ -59,8 +59,8 @@ def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
     try:
         spec = _empty(plan.step_s) if plan.scene is None else _read(plan.scene)
         _prepare(spec)
-        for name, thing in plan.things.items():
-            _add_thing(spec, name, thing, plan.moving[name])
+        for name, thing in plan.objects.items():
+            _add_object(spec, name, thing, plan.moving[name])
         add_arm(spec, arm, tool=plan.tool is not None)
         _add_mounted(spec, plan)
         for name, camera in plan.cameras.items():
@@ -141,7 +141,7 @@ def _stays(body: Any) -> bool:
     return True
 
 
-def _add_thing(spec: Any, name: str, thing: ObjectDescription, moving: Moving) -> None:
+def _add_object(spec: Any, name: str, thing: ObjectDescription, moving: Moving) -> None:
     body = spec.worldbody.add_body(name=name, pos=list(thing.pose[:3]), quat=quaternion(thing.pose[3:]))
     kind, usual = (Kind.STAYING, 0.0) if moving.mass is None else (Kind.FREE, _FRICTION)
     material = touching(kind, thing.material.get("friction", usual))
@@ -214,22 +214,22 @@ def _add_mounted(spec: Any, plan: PhysicsPlan) -> None:
     flange = spec.body(PREFIX + FLANGE + MOUNTING)
     movable = [body.name for body in spec.bodies if body.joints and not body.name.startswith(PREFIX)]
     if plan.tool is not None:
-        _add_bolted(spec, spec.body(PREFIX + TOOL + MOUNTING), "tool", plan.tool, MountedShape(0.0))
+        _add_mounted_shape(spec, spec.body(PREFIX + TOOL + MOUNTING), "tool", plan.tool, MountedShape(0.0))
     if plan.gripper is not None:
         add_fingers(spec, flange, plan.gripper)
-    for name, (thing, shape) in plan.bolted.items():
-        _add_bolted(spec, flange, name, thing, shape)
+    for name, (thing, shape) in plan.mounted_shapes.items():
+        _add_mounted_shape(spec, flange, name, thing, shape)
     for name, cup in plan.cups.items():
         add_suction(
             spec, spec.body(cup.tool) if cup.tool else flange, name, cup, [one for one in movable if one != cup.tool]
         )
-    for hand in plan.hands.values():
-        add_fingers(spec, spec.body(hand.tool) if hand.tool else flange, hand)
+    for gripper in plan.output_grippers.values():
+        add_fingers(spec, spec.body(gripper.tool) if gripper.tool else flange, gripper)
     for name, plate in plan.changers.items():
         add_changer(spec, flange, name, plate, plan.couplings)
 
 
-def _add_bolted(spec: Any, parent: Any, name: str, thing: ObjectDescription, shape: MountedShape) -> None:
+def _add_mounted_shape(spec: Any, parent: Any, name: str, thing: ObjectDescription, shape: MountedShape) -> None:
     body = parent.add_body(name=f"{PREFIX}{name}/mounted", pos=list(thing.pose[:3]), quat=quaternion(thing.pose[3:]))
     geom = _add_shape(
         spec, body, PREFIX + name, thing, Moving(mass=1.0, colour=shape.colour), **touching(Kind.TOOL, shape.friction)

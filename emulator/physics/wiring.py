@@ -95,7 +95,9 @@ class Wires:
         }
         self.cups = {name: SuctionCup(name, cup, model) for name, cup in plan.cups.items()}
         self.changers = [ToolChanger(name, plate, plan.couplings, model) for name, plate in plan.changers.items()]
-        self._jaws = [Jaw(Fingers(hand, model), hand.parallel) for hand in plan.hands.values() if hand.parallel]
+        self._jaws = [
+            Jaw(Fingers(shape, model), shape.parallel) for shape in plan.output_grippers.values() if shape.parallel
+        ]
         self._fingers = None if plan.gripper is None or gripper is None else Fingers(plan.gripper, model)
         fingers = [*(jaw.fingers for jaw in self._jaws), *([] if self._fingers is None else [self._fingers])]
         self._keeping: list[Fingers | SuctionCup | ToolChanger] = [*fingers, *self.cups.values(), *self.changers]

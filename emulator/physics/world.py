@@ -309,13 +309,13 @@ class PhysicsWorld(World):
 def _payload(plan: "PhysicsPlan") -> Payload | None:
     """Everything mounted on the flange, as one mass; None if it has no mass."""
     parts: list[tuple[float, Vector3]] = []
-    for thing, shape in plan.bolted.values():
+    for thing, shape in plan.mounted_shapes.values():
         parts.append((shape.mass, thing.pose[:3]))
-    hands = [hand for hand in plan.hands.values() if not hand.tool]
-    for hand in (*hands, *((plan.gripper,) if plan.gripper else ())):
-        matrix = rotvec_to_matrix(*hand.pose[3:6])
-        x, y, z = rotate(matrix, (0.0, 0.0, 0.5 * hand.palm[1]))
-        parts.append((hand.mass, (hand.pose[0] + x, hand.pose[1] + y, hand.pose[2] + z)))
+    on_flange = [gripper for gripper in plan.output_grippers.values() if not gripper.tool]
+    for gripper in (*on_flange, *((plan.gripper,) if plan.gripper else ())):
+        matrix = rotvec_to_matrix(*gripper.pose[3:6])
+        x, y, z = rotate(matrix, (0.0, 0.0, 0.5 * gripper.palm[1]))
+        parts.append((gripper.mass, (gripper.pose[0] + x, gripper.pose[1] + y, gripper.pose[2] + z)))
     mass = sum(part for part, _ in parts)
     if mass <= 0.0:
         return None

@@ -24,7 +24,7 @@ _SHAPES: Final[Mapping[str, Callable[[tuple[float, ...]], Shape]]] = {
 class WorldPlan:
     """The plan of a world, from which one world per controller is built."""
 
-    things: Mapping[str, WorldObject] = field(default_factory=dict)
+    objects: Mapping[str, WorldObject] = field(default_factory=dict)
     tool: WorldObject = POINT
     links: bool = False
 
@@ -37,8 +37,8 @@ class WorldPlan:
         self._fill(World(self.tool))
 
     def _fill(self, world: World) -> World:
-        for name, thing in self.things.items():
-            world.add(name, thing)
+        for name, obj in self.objects.items():
+            world.add(name, obj)
         return world
 
 
@@ -53,41 +53,41 @@ def read_world(path: Path) -> WorldPlan:
     world = read_world_file(path, _SHAPES)
     if unmoved := (
         *world.sections,
-        *(f"{key} of {name}" for name, thing in world.things.items() for key in thing.moving),
+        *(f"{key} of {name}" for name, obj in world.objects.items() for key in obj.moving),
     ):
         raise WorldFileError(f"{path}: {unmoved[0]} requires physics: add --physics, or leave it out")
     try:
         tool = POINT if world.tool is None else _object("tool", world.tool)
-        plan = WorldPlan({name: _object(name, thing) for name, thing in world.things.items()}, tool, world.links)
+        plan = WorldPlan({name: _object(name, obj) for name, obj in world.objects.items()}, tool, world.links)
         plan._fill(World(tool))
     except ValueError as error:
         raise WorldFileError(f"{path}: {error}") from error
     return plan
 
 
-def read_thing(name: str, description: Any, *, tool: bool = False) -> WorldObject:
+def read_object(name: str, description: Any, *, tool: bool = False) -> WorldObject:
     """Read one object in the format of a world file; a tool has no material of its own. Raises ValueError."""
-    thing = read_description(name, description, _SHAPES, tool=tool)
-    if thing.moving:
-        raise ValueError(f"{name}: {next(iter(thing.moving))} is only for objects of a world file, with --physics")
-    return _object(name, thing)
+    obj = read_description(name, description, _SHAPES, tool=tool)
+    if obj.moving:
+        raise ValueError(f"{name}: {next(iter(obj.moving))} is only for objects of a world file, with --physics")
+    return _object(name, obj)
 
 
-def _object(name: str, thing: ObjectDescription) -> WorldObject:
+def _object(name: str, obj: ObjectDescription) -> WorldObject:
     try:
-        return WorldObject(_SHAPES[thing.shape](thing.sizes), thing.pose, **thing.material)
+        return WorldObject(_SHAPES[obj.shape](obj.sizes), obj.pose, **obj.material)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
 
-def describe_thing(thing: WorldObject, *, tool: bool = False) -> dict[str, Any]:
-    """Describe an object in the format of ``read_thing``."""
-    match thing.shape:
+def describe_object(obj: WorldObject, *, tool: bool = False) -> dict[str, Any]:
+    """Describe an object in the format of ``read_object``."""
+    match obj.shape:
         case Plane():
             shape: dict[str, Any] = {"plane": {}}
         case Box(size):
             shape = {"box": list(size)}
         case Sphere(radius):
             shape = {"sphere": radius}
-    material = {} if tool else {name: getattr(thing, name) for name in MATERIAL}
-    return {**shape, "pose": list(thing.pose), **material}
+    material = {} if tool else {name: getattr(obj, name) for name in MATERIAL}
+    return {**shape, "pose": list(obj.pose), **material}
