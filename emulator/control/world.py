@@ -17,7 +17,7 @@ from emulator.commands.world import (
 )
 from emulator.control.verbs import BadArguments, Verbs, verb
 from emulator.robot.installation import Payload
-from emulator.world.file import describe_thing, read_thing
+from emulator.world.file import describe_object, read_object
 from emulator.world.shapes import Frame, Push
 from emulator.world.world import World
 from urproto.vectors import ZERO3, Vector3, Vector6
@@ -48,8 +48,8 @@ class WorldVerbs(Verbs):
         world, payload = self.controller.world or World(), self.controller.simulation.real.mounted
         push = world.pushes.get(HAND)
         return {
-            "objects": {name: describe_thing(thing) for name, thing in world.things.items()},
-            "tool": describe_thing(world.tool, tool=True),
+            "objects": {name: describe_object(obj) for name, obj in world.objects.items()},
+            "tool": describe_object(world.tool, tool=True),
             "push": None if push is None else {"wrench": list(push.wrench), "frame": push.frame.value},
             "payload": None if payload is None else {"mass_kg": payload.mass, "cog_m": list(payload.cog)},
         }
@@ -78,10 +78,10 @@ class WorldVerbs(Verbs):
         For example {"box": [0.1, 0.1, 0.1], "pose": [0.3, 0, 0], "stiffness": 1e4}.
         """
         try:
-            thing = read_thing(name, dict(description))
+            obj = read_object(name, dict(description))
         except ValueError as error:
             raise BadArguments(str(error)) from error
-        self._change(AddObject(name, thing))
+        self._change(AddObject(name, obj))
 
     @verb
     def move_object(self, name: str, pose: Vector6) -> None:
@@ -97,7 +97,7 @@ class WorldVerbs(Verbs):
     def mount_tool(self, description: Mapping[str, Any]) -> None:
         """Give the tool a shape for contacts, other than a point: {"sphere": 0.01}, with a pose in the TCP frame."""
         try:
-            tool = read_thing("tool", dict(description), tool=True)
+            tool = read_object("tool", dict(description), tool=True)
         except ValueError as error:
             raise BadArguments(str(error)) from error
         self._change(MountTool(tool))

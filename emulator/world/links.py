@@ -35,7 +35,7 @@ class Touching:
     """A link in an object: ``carrying`` joints carry the link; point and outward normal in the base frame [m]."""
 
     carrying: int
-    thing: WorldObject
+    obj: WorldObject
     depth: float
     point: Vector3
     normal: Vector3
@@ -49,12 +49,12 @@ class Links:
         self._arm = ArmCapsules(model)
         lengths = [dist(*ends) for ends in self._arm.axes(ZERO6)]
         self._capsules = [coal.Capsule(radius, length) for radius, length in zip(self._arm.radii, lengths, strict=True)]
-        self._things: list[tuple[WorldObject, Any, Any]] = []
+        self._objects: list[tuple[WorldObject, Any, Any]] = []
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
-    def surround(self, things: Iterable[WorldObject]) -> None:
+    def surround(self, objects: Iterable[WorldObject]) -> None:
         """Set the objects that the links can touch."""
-        self._things = [(thing, _geometry(thing.shape), _placement(thing)) for thing in things]
+        self._objects = [(obj, _geometry(obj.shape), _placement(obj)) for obj in objects]
 
     def clearance(self, q: Sequence[float]) -> float:
         """Smallest distance between the surfaces of links that are not neighbours [m]; negative if they overlap."""
@@ -68,17 +68,17 @@ class Links:
 
     def touches(self, q: Vector6) -> Iterator[Touching]:
         """Contacts of links with objects."""
-        if not self._things:
+        if not self._objects:
             return
         axes = self._arm.axes(q)
         for link in _CARRIED:
             placement = _along(*axes[link])
-            for thing, geometry, place in self._things:
+            for obj, geometry, place in self._objects:
                 distance = self._distance(self._capsules[link], placement, geometry, place)
                 if distance < 0.0:
                     px, py, pz = self._result.getNearestPoint1().tolist()
                     nx, ny, nz = self._result.normal.tolist()
-                    yield Touching(link + 1, thing, -distance, (px, py, pz), (-nx, -ny, -nz))
+                    yield Touching(link + 1, obj, -distance, (px, py, pz), (-nx, -ny, -nz))
 
     def torques(self, q: Vector6, qd: Vector6) -> Vector6:
         """Joint torques by contacts of the links [Nm]."""
@@ -90,7 +90,7 @@ class Links:
     def _torque(self, at: Touching, q: Vector6, qd: Vector6) -> Vector6:
         rows = self._kinematics.jacobian_at(q, (*at.point, 0.0, 0.0, 0.0))[:3]
         vx, vy, vz = (float(sum(map(mul, row[: at.carrying], qd))) for row in rows)
-        material = (at.thing.stiffness, at.thing.damping, at.thing.friction)
+        material = (at.obj.stiffness, at.obj.damping, at.obj.friction)
         force, _ = force_of(at.depth, at.normal, material, (vx, vy, vz))
         torques = [float(sum(row[i] * part for row, part in zip(rows, force, strict=True))) for i in range(at.carrying)]
         a, b, c, d, e, f = (*torques, *ZERO6)[:6]
@@ -105,8 +105,8 @@ def _geometry(shape: Shape) -> Any:
     return coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)
 
 
-def _placement(thing: WorldObject) -> Any:
-    return coal.Transform3s(np.array(thing.axes).T, np.array(thing.pose[:3]))
+def _placement(obj: WorldObject) -> Any:
+    return coal.Transform3s(np.array(obj.axes).T, np.array(obj.pose[:3]))
 
 
 def _along(start: Vector3, end: Vector3) -> Any:

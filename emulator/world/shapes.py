@@ -60,7 +60,7 @@ _AT_TCP: Final = ZERO6
 _CREEP_M_S: Final = 1e-3  # up to this sliding speed, friction is viscous; beyond, it is Coulomb friction (guess)
 
 
-def contacts(tool: "WorldObject", things: "Iterable[WorldObject]", tcp: Pose, speed: Vector6) -> Iterator[Contact]:
+def contacts(tool: "WorldObject", objects: "Iterable[WorldObject]", tcp: Pose, speed: Vector6) -> Iterator[Contact]:
     """Present and imminent contacts of the tool.
 
     ``tool``: its pose in the frame of the TCP; its material is ignored, that of the objects counts. ``tcp``: in the
@@ -71,13 +71,13 @@ def contacts(tool: "WorldObject", things: "Iterable[WorldObject]", tcp: Pose, sp
     balls = (
         _tool_spheres(tool, tcp) if box is None else [(box.place(probe.centre), probe) for probe in box.shape.probes]
     )
-    for thing in things:
+    for obj in objects:
         for centre, probe in balls:
-            yield from _contact(thing.touch(centre, probe.radius), centre, probe, (thing, 1.0), (tcp, speed))
+            yield from _contact(obj.touch(centre, probe.radius), centre, probe, (obj, 1.0), (tcp, speed))
         if box is not None:
-            for probe in thing.shape.probes:
-                centre = thing.place(probe.centre)
-                yield from _contact(box.touch(centre, probe.radius), centre, probe, (thing, -1.0), (tcp, speed))
+            for probe in obj.shape.probes:
+                centre = obj.place(probe.centre)
+                yield from _contact(box.touch(centre, probe.radius), centre, probe, (obj, -1.0), (tcp, speed))
 
 
 def _tool_spheres(tool: "WorldObject", tcp: Pose) -> "list[tuple[Vector3, Probe]]":
@@ -87,12 +87,12 @@ def _tool_spheres(tool: "WorldObject", tcp: Pose) -> "list[tuple[Vector3, Probe]
 
 
 def _contact(
-    touch: "Touch", centre: Vector3, probe: "Probe", thing: "tuple[WorldObject, float]", tool: tuple[Pose, Vector6]
+    touch: "Touch", centre: Vector3, probe: "Probe", obj: "tuple[WorldObject, float]", tool: tuple[Pose, Vector6]
 ) -> Iterator[Contact]:
-    """Contact of a probe in a solid. ``thing``: the object, and 1 if the probe is the tool's, else -1."""
+    """Contact of a probe in a solid. ``obj``: the object, and 1 if the probe is the tool's, else -1."""
     if touch.depth < -NEAR_M:
         return
-    material, sign = thing
+    material, sign = obj
     tcp, speed = tool
     x, y, z = touch.out
     deepest = (centre[0] - x * probe.radius, centre[1] - y * probe.radius, centre[2] - z * probe.radius)

@@ -51,7 +51,7 @@ class World:
     tool: WorldObject = POINT
     links: "Links | None" = None
     contacts: tuple[Contact, ...] = field(default=(), init=False)
-    _things: dict[str, WorldObject] = field(default_factory=dict, init=False)
+    _objects: dict[str, WorldObject] = field(default_factory=dict, init=False)
     _pushes: dict[str, Push] = field(default_factory=dict, init=False)
 
     disturbances: Disturbances | None = field(default=None, init=False)
@@ -68,11 +68,11 @@ class World:
 
     def names(self) -> list[str]:
         """Names of all objects."""
-        return list(self._things)
+        return list(self._objects)
 
     def poses(self) -> dict[str, Vector6]:
         """Poses of all objects by name, in the base frame."""
-        return {name: thing.pose for name, thing in self._things.items()}
+        return {name: obj.pose for name, obj in self._objects.items()}
 
     def pose(self, name: str) -> Vector6:
         """Pose of one object in the base frame. Raises WorldError for an unknown name."""
@@ -88,35 +88,35 @@ class World:
             raise WorldError("no object of this world moves: there is no state to restore")
 
     @property
-    def things(self) -> Mapping[str, WorldObject]:
+    def objects(self) -> Mapping[str, WorldObject]:
         """All objects by name."""
-        return MappingProxyType(self._things)
+        return MappingProxyType(self._objects)
 
     @property
     def pushes(self) -> Mapping[str, Push]:
         """Present pushes by name."""
         return MappingProxyType(self._pushes)
 
-    def add(self, name: str, thing: WorldObject) -> None:
+    def add(self, name: str, obj: WorldObject) -> None:
         """Add an object. Raises WorldError if there is one of this name, or too many."""
-        if name in self._things:
+        if name in self._objects:
             raise WorldError(f"the object {name!r} exists already: remove or move it, or choose another name")
-        if len(self._things) >= MAX_OBJECTS:
+        if len(self._objects) >= MAX_OBJECTS:
             raise WorldError(f"a world can have at most {MAX_OBJECTS} objects: remove one")
-        if isinstance(thing.shape, Sphere) and not thing.shape.radius:
+        if isinstance(obj.shape, Sphere) and not obj.shape.radius:
             raise WorldError(f"the object {name!r} is a sphere without a radius")
-        self._things[name] = thing
+        self._objects[name] = obj
         self._changed()
 
     def move(self, name: str, pose_base: Vector6) -> None:
         """Move an object to a pose immediately. Raises WorldError for an unknown name, ValueError for a bad pose."""
-        self._things[name] = self._known(name).at(pose_base)
+        self._objects[name] = self._known(name).at(pose_base)
         self._changed()
 
     def remove(self, name: str) -> None:
         """Remove an object. Raises WorldError for an unknown name."""
         self._known(name)
-        del self._things[name]
+        del self._objects[name]
         self._changed()
 
     def mount(self, tool: WorldObject) -> None:
@@ -151,11 +151,11 @@ class World:
 
     def _changed(self) -> None:
         if self.links is not None:
-            self.links.surround(self._things.values())
+            self.links.surround(self._objects.values())
 
     def _tool_wrench(self, arm: "Arm", period_s: float) -> Vector6:
         total = self._pushed(arm, period_s)
-        self.contacts = tuple(contacts(self.tool, self._things.values(), arm.tcp_pose, arm.tcp_speed))
+        self.contacts = tuple(contacts(self.tool, self._objects.values(), arm.tcp_pose, arm.tcp_speed))
         for contact in self.contacts:
             total = lerp(total, contact.wrench, 1.0)
         return total
@@ -170,7 +170,7 @@ class World:
 
     def _known(self, name: str) -> WorldObject:
         try:
-            return self._things[name]
+            return self._objects[name]
         except KeyError:
             there = ", ".join(self.names()) or "none"
             raise WorldError(f"there is no object {name!r}; there are: {there}") from None

@@ -9,7 +9,7 @@ import pytest
 from client.pendant.screens.simulation_arm import read_document
 from client.pendant.screens.simulation_scene import _Surroundings
 from client.pendant.screens.simulation_world import object_description
-from emulator.world.file import read_thing
+from emulator.world.file import read_object
 
 
 def station(push=None, objects=None, pose=(0.1, 0.2, 0.3, 0.0, 0.0, pi / 2)):
@@ -27,7 +27,7 @@ def test_push_is_drawn_in_base_frame(frame, force) -> None:
 def test_objects_are_drawn_at_their_poses() -> None:
     drawn = _Surroundings().read(station(objects={"ball": {"sphere": 0.1, "pose": [1, 2, 3, 0, 0, pi]}}))
     assert drawn["tool"] == [0.1, 0.2, 0.3]
-    (ball,) = drawn["things"]
+    (ball,) = drawn["objects"]
     assert (ball["name"], ball["sphere"]) == ("ball", 0.1)
     assert ball["rotation"] == pytest.approx([-1, 0, 0, 0, -1, 0, 0, 0, 1])
 
@@ -39,14 +39,14 @@ def test_form_creates_valid_description(shape, size_mm, size) -> None:
     pose = [100.0, 0.0, -50.0, 0.0, 180.0, 0.0]
     description = object_description(shape, size_mm, pose, {"stiffness": 1e4, "damping": 10.0, "friction": 0.5})
     assert description[shape] == pytest.approx(size)
-    obj = read_thing("it", description)
+    obj = read_object("it", description)
     assert obj.pose == pytest.approx((0.1, 0.0, -0.05, 0.0, pi, 0.0))
     assert (obj.stiffness, obj.friction) == (1e4, 0.5)
 
 
 def test_plane_has_no_size() -> None:
     assert (
-        read_thing("it", object_description("plane", [], [0.0] * 6, {})).shape == read_thing("p", {"plane": {}}).shape
+        read_object("it", object_description("plane", [], [0.0] * 6, {})).shape == read_object("p", {"plane": {}}).shape
     )
 
 

@@ -99,8 +99,8 @@ async def scene_of(lab: Lab, components: int = 0) -> dict[str, Any]:
 
 
 async def put(lab: Lab, name: str = "post", at: Any = (0.5, 0.0, 0.5), frame: str = "base_link", **more: Any) -> bool:
-    thing = {"id": name, "header": {"frame_id": frame}, "pose": pose(at), **(more or POST)}
-    return await apply(lab, world={"collision_objects": [thing]})
+    obj = {"id": name, "header": {"frame_id": frame}, "pose": pose(at), **(more or POST)}
+    return await apply(lab, world={"collision_objects": [obj]})
 
 
 def end_s(answer: dict[str, Any]) -> float:
@@ -459,7 +459,7 @@ async def test_validity_of_many_states(lab: Lab) -> None:
 
 
 async def test_the_scene_is_reported_as_it_was_given(lab: Lab) -> None:
-    things = [
+    objects = [
         {"id": "pipe", "header": {"frame_id": "base"}, "pose": pose((0.4, 0.4, 0.2)),
          "primitives": [{"type": CYLINDER, "dimensions": [0.3, 0.02]}, {"type": SPHERE, "dimensions": [0.04]}],
          "primitive_poses": [pose((0.0, 0.0, 0.0)), pose((0.0, 0.0, 0.15))]},
@@ -469,7 +469,7 @@ async def test_the_scene_is_reported_as_it_was_given(lab: Lab) -> None:
                      "triangles": []}], "mesh_poses": [pose((0.2, 0.0, 0.0))]},
         {"id": "ceiling", "header": {"frame_id": "base_link"}, "planes": [{"coef": [0.0, 0.0, 1.0, -1.5]}]},
     ]  # fmt: skip
-    assert await apply(lab, world={"collision_objects": things}, name="cell")
+    assert await apply(lab, world={"collision_objects": objects}, name="cell")
     scene = await scene_of(lab)
     assert scene["name"] == "cell"
     pipe, wedge, ceiling = scene["world"]["collision_objects"]

@@ -57,12 +57,12 @@ def test_world_forces_are_added_to_a_sensor_over_rtde(rig):
 
 def test_objects_are_added_moved_and_removed(rig):
     x, y, z, *_ = rig.pose
-    thing = WorldObject(Plane(), (x, y, z + 0.001, 0, 0, 0), stiffness=1e4)
-    assert rig.post(AddObject("table", thing)) == ""
+    obj = WorldObject(Plane(), (x, y, z + 0.001, 0, 0, 0), stiffness=1e4)
+    assert rig.post(AddObject("table", obj)) == ""
     assert rig.force[2] == pytest.approx(10)
     assert rig.post(MoveObject("table", (x, y, z + 0.002, 0.0, 0.0, 0.0))) == ""
     assert rig.force[2] == pytest.approx(20)
-    assert "already" in rig.post(AddObject("table", thing))
+    assert "already" in rig.post(AddObject("table", obj))
     assert rig.post(RemoveObject("table")) == ""
     assert rig.force[2] == 0.0
     assert "there is no object 'table'" in rig.post(RemoveObject("table"))
@@ -72,7 +72,7 @@ def test_objects_are_added_moved_and_removed(rig):
 def test_an_invalid_pose_leaves_the_object_in_place(rig):
     table = rig.table()
     assert "pose" in rig.post(MoveObject("table", (0.0, 0.0, float("nan"), 0.0, 0.0, 0.0)))
-    assert rig.world.things["table"] == table
+    assert rig.world.objects["table"] == table
 
 
 def test_changing_the_tool_and_changing_back(rig):

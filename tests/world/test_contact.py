@@ -117,10 +117,10 @@ def test_the_force_acts_where_the_ball_is_deepest(ball_is_the_tool):
     ball = WorldObject(Sphere(0.05), (0.0, 0.0, 0.549, 0.0, 0.0, 0.0))
     block = WorldObject(Box((0.4, 0.4, 1.0)))
     if ball_is_the_tool:
-        tcp, tool, thing = ball.pose, ball.at(ZERO6), block
+        tcp, tool, obj = ball.pose, ball.at(ZERO6), block
     else:
-        tcp, tool, thing = block.pose, block, ball
-    touching = [one for one in contacts(tool, [thing], tcp, ZERO6) if one.depth > 0.0]
+        tcp, tool, obj = block.pose, block, ball
+    touching = [one for one in contacts(tool, [obj], tcp, ZERO6) if one.depth > 0.0]
     assert [one.depth for one in touching] == pytest.approx([0.001])
     where = [t + lever for t, lever in zip(tcp, touching[0].lever, strict=False)]
     assert where == pytest.approx([0.0, 0.0, 0.499])

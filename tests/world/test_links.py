@@ -88,11 +88,11 @@ def test_the_power_of_a_push_agrees_with_the_joint_torques(arm, shape):
     x, y, z = (0.5 * (a + b) for a, b in zip(start, end, strict=True))
     below = {Plane: 0.0, Box: 0.2, Sphere: 0.2}[type(shape)]
     place = (x, y, z - arm_capsules.radii[2] - below + 0.002, 0.1, 0.2, 0.0)
-    thing = WorldObject(shape, place, stiffness=2e4, damping=0.0)
-    links.surround([thing])
+    obj = WorldObject(shape, place, stiffness=2e4, damping=0.0)
+    links.surround([obj])
 
     def spring_energy(q):
-        return sum(0.5 * thing.stiffness * touching.depth**2 for touching in links.touches(q))
+        return sum(0.5 * obj.stiffness * touching.depth**2 for touching in links.touches(q))
 
     torques = links.torques(tuple(q), (0.0,) * 6)
     for joint in range(4):

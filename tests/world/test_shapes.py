@@ -48,11 +48,11 @@ def test_depth_and_normal_match_coal(shape, pose, point, radius):
 @given(shapes, poses, st.tuples(places, places, places), st.floats(0.0, 0.2))
 def test_moving_along_the_normal_by_the_depth_ends_the_contact(shape, pose, point, radius):
     """After moving by its depth, a ball just touches any shape."""
-    thing = WorldObject(shape, pose)
-    touch = thing.touch(point, radius)
+    obj = WorldObject(shape, pose)
+    touch = obj.touch(point, radius)
     assert sum(part * part for part in touch.out) == pytest.approx(1.0)
     freed = tuple(at + touch.depth * step for at, step in zip(point, touch.out, strict=True))
-    assert thing.touch(freed, radius).depth == pytest.approx(0.0, abs=1e-9)
+    assert obj.touch(freed, radius).depth == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_probes_of_a_box_are_its_corners_with_a_quarter_face_each():

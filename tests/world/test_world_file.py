@@ -32,7 +32,7 @@ def test_a_file_with_every_setting(tmp_path):
     plan = read_world(written(tmp_path, EXAMPLE))
     assert plan.tool == WorldObject(Sphere(0.005), (0, 0, 0.01, 0, 0, 0))
     assert plan.links
-    assert dict(plan.things) == {
+    assert dict(plan.objects) == {
         "table": WorldObject(Plane(), (0, 0, -0.02, 0, 0, 0), 30000, 100, 0.3),
         "block": WorldObject(Box((0.1, 0.2, 0.3)), (0.3, 0.1, 0, 0, 0, 1.5)),
         "ball": WorldObject(Sphere(0.04)),
@@ -43,12 +43,12 @@ def test_each_controller_gets_a_separate_world(tmp_path):
     plan = read_world(written(tmp_path, EXAMPLE))
     one, other = plan.build(load_model("ur3"), 0.008), plan.build(load_model("ur3"), 0.008)
     one.remove("ball")
-    assert set(other.things) == {"table", "block", "ball"}
+    assert set(other.objects) == {"table", "block", "ball"}
 
 
 def test_an_empty_file_is_an_empty_world(tmp_path):
     plan = read_world(written(tmp_path, ""))
-    assert not plan.things
+    assert not plan.objects
     assert plan.tool == POINT
 
 
@@ -57,7 +57,7 @@ def test_the_example_file_is_valid():
         names = set(yaml.safe_load(file)["objects"])
     plan = read_surroundings(Path("examples/table.yaml"))
     assert plan is not None
-    assert set(plan.things) == names
+    assert set(plan.objects) == names
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def scene_panel(page: Page) -> None:
             move_requests.submit({"name": message["name"], "pose": [*message["position"], *obj["pose"][3:]]})
 
     page.live.on_message("push", push)
-    page.live.on_message("move_thing", move)
+    page.live.on_message("move_object", move)
 
 
 def _is_vector(message: Any) -> bool:
@@ -133,7 +133,7 @@ class _Surroundings:
         return {
             "tool": tool,
             "force": _base_force(_current_push(station), pose),
-            "things": self._describe_objects(_objects(station)),
+            "objects": self._describe_objects(_objects(station)),
         }
 
     def _describe_objects(self, objects: Any) -> list[dict[str, Any]]:

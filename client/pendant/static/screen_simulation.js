@@ -33,12 +33,12 @@
       window.addEventListener("blur", () => this.endDrag());
     }
 
-    show({ tool, force, things }) {
+    show({ tool, force, objects }) {
       this.ball.position.set(...tool);
       if (this.drag?.kind !== "push") this.showForce(force);
-      const names = new Set(things.map((object) => object.name));
+      const names = new Set(objects.map((object) => object.name));
       for (const [name, mesh] of this.objects) if (!names.has(name)) this.remove(name, mesh);
-      for (const object of things) this.showObject(object);
+      for (const object of objects) this.showObject(object);
     }
 
     showForce(force) {
@@ -126,7 +126,7 @@
       mesh.position.copy(from);
       if (vertical) mesh.position.z += offset.z;
       else mesh.position.add(offset.setZ(0));
-      this.drag.moved = { move_thing: { name: mesh.userData.name, position: mesh.position.toArray() } };
+      this.drag.moved = { move_object: { name: mesh.userData.name, position: mesh.position.toArray() } };
       this.send(this.drag.moved);
     }
 
