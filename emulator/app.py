@@ -21,7 +21,7 @@ from emulator.control.http import ControlServer
 from emulator.control.timing import ManualPace
 from emulator.controller import Controller
 from emulator.devices.tool_line import SerialDevice
-from emulator.faults.fault import Fault, FaultError, FaultImpossible, publish_no_controller, rebooted
+from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
@@ -131,7 +131,7 @@ class Emulator:
         for fault in faults:
             try:
                 self.faults.inject(fault)
-            except (FaultError, FaultImpossible) as error:
+            except (FaultError, FaultImpossibleError) as error:
                 raise ConfigError(f"fault {fault.kind}: {error}") from error
 
     # servers and connections of the controller

@@ -23,7 +23,7 @@ from emulator.control.verbs import BadArguments, NotPossible
 from emulator.ports import PORTS
 from emulator.readiness import Finding, probe, run_script
 from urproto.commandline import AsJson, application, print_json, version_of
-from urproto.testing.launch import PACKAGES, ROOT, is_ours
+from urproto.testing.launch import PACKAGES, ROOT, is_own_package
 
 _FAILED: Final = 1
 _UNREACHABLE: Final = 3
@@ -228,7 +228,7 @@ def _shadowing_packages() -> Iterator[tuple[str, str, str]]:
     search = list(dict.fromkeys([os.getcwd(), *(str(Path(place).absolute()) for place in sys.path if place)]))
     for package in PACKAGES:
         specs = [(place, spec) for place in search if (spec := PathFinder.find_spec(package, [place]))]
-        ours = next((i for i, (_, spec) in enumerate(specs) if is_ours(spec.origin, package)), None)
+        ours = next((i for i, (_, spec) in enumerate(specs) if is_own_package(spec.origin, package)), None)
         before = specs if ours is None else [(place, spec) for place, spec in specs[:ours] if spec.origin]
         for place, spec in before:
             who = f"started in {place}" if place == os.getcwd() else "everywhere"

@@ -257,14 +257,14 @@ class RealClock:
 
 
 class FastClock:
-    """As fast as possible, but in real time while ``has_company()``, because outside peers live in real time.
+    """As fast as possible, but in real time while ``has_peers()``, because outside peers live in real time.
 
     The event loop gets its turn after every tick in real time, otherwise after every few dozen ticks.
     """
 
-    def __init__(self, period_s: float, has_company: Callable[[], bool]) -> None:
+    def __init__(self, period_s: float, has_peers: Callable[[], bool]) -> None:
         self._real = RealClock(period_s)
-        self._has_company = has_company
+        self._has_peers = has_peers
         self._tick: Tick = lambda: None
         self._next: asyncio.Handle | None = None
         self._running = False
@@ -289,17 +289,17 @@ class FastClock:
 
     def _burst(self) -> None:
         for _ in range(_BURST):
-            if self._has_company():
-                self._real.start(self._tick_in_company)
+            if self._has_peers():
+                self._real.start(self._tick_with_peers)
                 return
             self._tick()
             if not self._running:
                 return
         self._schedule_burst()
 
-    def _tick_in_company(self) -> None:
+    def _tick_with_peers(self) -> None:
         self._tick()
-        if self._running and not self._has_company():
+        if self._running and not self._has_peers():
             self._real.close()
             self._schedule_burst()
 

@@ -116,7 +116,7 @@ def _injected(options: Namespace, controller: Controller) -> "FaultInjector | No
     if not options.fault:
         return None  # importing the catalogue would take a tenth of the start-up time
     from emulator.faults.catalogue import parse_fault
-    from emulator.faults.fault import FaultImpossible
+    from emulator.faults.fault import FaultImpossibleError
     from emulator.faults.injector import FaultInjector
 
     injector = FaultInjector(controller)
@@ -124,7 +124,7 @@ def _injected(options: Namespace, controller: Controller) -> "FaultInjector | No
         fault = parse_fault(text)
         try:
             injector.inject(replace(fault, seed=fault.seed or options.seed))
-        except FaultImpossible as error:
+        except FaultImpossibleError as error:
             raise ValueError(f"{text}: {error}") from error
     return injector
 

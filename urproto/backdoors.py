@@ -43,7 +43,7 @@ class BackdoorMark:
             self._socket.close()
 
 
-def leads_behind_a_robot(address: str, port: int) -> bool:
+def is_backdoor(address: str, port: int) -> bool:
     """Whether a connection to this numeric address leads to a control API or a pendant on this machine.
 
     Raises OSError when this cannot be determined.

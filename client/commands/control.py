@@ -89,25 +89,25 @@ Seen: TypeAlias = Callable[[Mapping[str, Any]], Awaitable[None]]
 class ArmAccess(Protocol):
     """Access to the controller manager that moves the arm.
 
-    alone: whether this command runs the manager itself; otherwise it shares one that is already running.
+    owns_manager: whether this command runs the manager itself; otherwise it shares one that is already running.
     """
 
-    alone: bool
+    owns_manager: bool
 
     async def request(self, do: str, /, **arguments: Any) -> Any:
         """See `client.controllers.session.Session`. Raises URError."""
 
 
-class _Alone(Session):
+class _OwnManager(Session):
     """With a controller manager that this command runs; it ends with the command."""
 
-    alone = True
+    owns_manager = True
 
 
 class _Shared(RemoteManager):
     """With the controller manager that is already running for this robot."""
 
-    alone = False
+    owns_manager = False
 
     async def request(self, do: str, /, **arguments: Any) -> Any:
         return await super().request(do, timeout_s=_READY_S if do in _SLOW else ANSWER_S, **arguments)
@@ -172,7 +172,7 @@ class Target:
         )
         with real_time(robot.driver.config.realtime):  # this process does nothing else
             async with robot:
-                session = _Alone(RunningManager(robot))
+                session = _OwnManager(RunningManager(robot))
                 try:
                     yield session
                 finally:
@@ -183,7 +183,7 @@ class Target:
         states = {one["name"]: one["state"] for one in await arm.request("list_controllers")}
         if name not in states:
             await arm.request("load_controller", name=name, **self._described(arm, name))
-        elif self.controllers is not None and not arm.alone:
+        elif self.controllers is not None and not arm.owns_manager:
             typer.echo(
                 f"note: {name} is loaded already and keeps its parameters: --controllers has no effect on it", err=True
             )
@@ -197,7 +197,7 @@ class Target:
 
     def _described(self, arm: ArmAccess, name: str) -> dict[str, Any]:
         """Type and parameters of a controller from the file, for a manager that did not read the same file."""
-        if arm.alone or self.controllers is None:
+        if arm.owns_manager or self.controllers is None:
             return {}
         file = controllers_file(self.controllers, self.prefix)
         return {"type": file.type_of(name), "parameters": file.parameters_of(name)}
@@ -266,7 +266,7 @@ async def follow(
                 await asyncio.sleep(_POLL_S)
             progress.update(1.0 if goal["error_code"] == 0 else goal["progress"])
     except asyncio.CancelledError:
-        if arm.alone:
+        if arm.owns_manager:
             await arm.request("switch_controller", deactivate=[name])
         else:
             await arm.request("cancel_goal", goal=number)

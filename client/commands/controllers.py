@@ -21,7 +21,7 @@ from client.commands.control import (
 )
 from client.commands.following import PortOffset, RobotIP
 from client.controllers import configuration
-from client.controllers.controller import in_short
+from client.controllers.controller import interface_summary
 from client.controllers.parameters import Reading, read_parameters
 from client.controllers.running import DEFAULT_CONTROLLER, ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
@@ -149,7 +149,7 @@ def list_command(
     table = Table("controller", "type", "state", "claimed interfaces", *(("needs",) if verbose else ()))
     for one in found:
         needs = (*one["required_command_interfaces"], *one["required_state_interfaces"])
-        row = (one["name"], one["type"], one["state"], in_short(one["claimed_interfaces"]))
+        row = (one["name"], one["type"], one["state"], interface_summary(one["claimed_interfaces"]))
         table.add_row(*row, *(("\n".join(needs),) if verbose else ()))
     console().print(table)
 

@@ -143,7 +143,7 @@ class Interfaces:
         self._store[self._indices[name]] = value
 
 
-def in_short(interfaces: Iterable[str]) -> str:
+def interface_summary(interfaces: Iterable[str]) -> str:
     """Summary for messages, with the number of interfaces of each kind: "*_joint/position (6)"."""
     kinds = Counter[str]()
     for interface in interfaces:

@@ -67,7 +67,7 @@ class TrajectoryExecution:
             _logger.error("%s", error)
 
 
-class HandedOver(Protocol):
+class RobotExecution(Protocol):
     """The hardware's side of a controller whose motions the robot executes itself."""
 
     def begin(self) -> None:
@@ -80,7 +80,7 @@ class HandedOver(Protocol):
         """Process one cycle. ready: whether the arm can move now; otherwise nothing is started."""
 
 
-class PassthroughExecution(HandedOver):
+class PassthroughExecution(RobotExecution):
     """The hardware's side of `client.controllers.passthrough`."""
 
     def __init__(self, commands: URCommands, driver: ArmDriver, spawn: Spawn) -> None:
@@ -133,7 +133,7 @@ class PassthroughExecution(HandedOver):
             self._commands[_STATE] = Transfer.DONE
 
 
-class PrimitivesExecution(HandedOver):
+class PrimitivesExecution(RobotExecution):
     """The hardware's side of `client.controllers.motion_primitives`."""
 
     def __init__(self, commands: URCommands, states: URStates, driver: ArmDriver, spawn: Spawn) -> None:

@@ -22,7 +22,7 @@ def line_stream() -> LineStream:
     return LineStream(_read, _MAX_LINE)
 
 
-def unended_stream() -> LineStream:
+def unterminated_stream() -> LineStream:
     """Text whose lines may lack a line feed, such as a gripper's ``ack``: text received together is shown together."""
     return LineStream(_read, _MAX_LINE, unfinished=True)
 
@@ -228,7 +228,7 @@ CODECS = {
             _DRIVER,
             _DRIVER,
         ),
-        Codec("gripper", (63352,), lambda: Channel(unended_stream(), unended_stream())),
+        Codec("gripper", (63352,), lambda: Channel(unterminated_stream(), unterminated_stream())),
         Codec("text", (), _lines),
         Codec("bytes", (), lambda: Channel(BytesStream(), BytesStream())),
     )

@@ -97,10 +97,10 @@ def command_stream() -> FramedStream:
 
 def result_stream() -> Stream:
     """Messages from the robot on the trajectory and script command interfaces."""
-    return _Greeted(FramedStream(RESULTS, _reader(ReplyDecoder.decode, _reply)))
+    return _GreetedStream(FramedStream(RESULTS, _reader(ReplyDecoder.decode, _reply)))
 
 
-class _Greeted:
+class _GreetedStream:
     """A stream that may start with the control program's greeting, which is text."""
 
     def __init__(self, rest: Stream) -> None:

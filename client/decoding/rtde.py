@@ -94,7 +94,7 @@ class _Recipe:
         return formatting.pairs(pairs) + self._note
 
 
-class _Setups:
+class _RecipeSetups:
     """The recipes of one direction: unanswered requests, and recipes by number."""
 
     def __init__(self) -> None:
@@ -132,8 +132,8 @@ class RTDEConversation:
         self._protocol = 1
         self._protocol_known = False  # whether the protocol version is certain
         self._requested_protocol = codec.KNOWN_PROTOCOLS[-1]  # if only replies were captured
-        self._outputs = _Setups()
-        self._inputs = _Setups()
+        self._outputs = _RecipeSetups()
+        self._inputs = _RecipeSetups()
         self._unknown = Sender.ROBOT
         self.robot = FramedStream(FRAMING, self._from_robot)
         self.client = FramedStream(FRAMING, self._from_client)

@@ -131,7 +131,7 @@ class _Raw:
 
     def __init__(self, choice: Choice) -> None:
         codec = choice.codec or (codec_of_port(choice.ports[0] - choice.port_offset) if choice.ports else None)
-        self._stream: Stream = _Guessed({}, choice.side)
+        self._stream: Stream = _GuessedStream({}, choice.side)
         if codec is not None:
             self._stream = codec.open().stream(choice.side, codec.usual)
 
@@ -179,7 +179,7 @@ class _Hex:
         yield from self._raw.feed(data)
 
 
-class _Guessed:
+class _GuessedStream:
     """A stream whose protocol is guessed from its first bytes. channels: those of the connection, by protocol."""
 
     def __init__(self, channels: dict[str, Channel], side: Side | None, from_server: bool | None = None) -> None:
@@ -241,7 +241,7 @@ class _Tracked:
     def stream(self, source: SocketAddress) -> Stream:
         """The decoder of an end's bytes."""
         if source not in self.streams:
-            stream: Stream = _Guessed(self.channels, None, source == self.server)
+            stream: Stream = _GuessedStream(self.channels, None, source == self.server)
             if self.codec is not None:
                 channel = self.channels.setdefault(self.codec.name, self.codec.open())
                 stream = channel.stream(_side(self.codec, source == self.server), self.codec.usual)

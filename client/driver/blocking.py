@@ -3,9 +3,9 @@
 The driver is a server that must answer while its owner does something else. So a blocking counterpart runs an event
 loop in a separate thread and forwards every call to it:
 
-    class BlockingThing(Blocking[Thing]):
-        do = blocking(Thing.do)
-        doing = blocking_context(Thing.doing)
+    class BlockingGripper(Blocking[Gripper]):
+        close = blocking(Gripper.close)
+        holding = blocking_context(Gripper.holding)
 """
 
 import asyncio

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from client.errors import RecordingError
-from client.identification.samples import Array, Samples, known_features, samples_of, true_features
+from client.identification.samples import Array, Samples, friction_features, known_features, samples_of
 from client.recording.recording import Recording
 from urproto.joints import JOINT_LABELS
 from urproto.robots import MODELS, RobotModel, load_model
@@ -132,7 +132,7 @@ def predictions(samples: Samples, model: RobotModel, payload: Payload, mounted: 
     found = {
         "target_moment": moment,
         "target_current": (moment + samples.smooth((known_features(samples.qd) * known).sum(axis=-1))) / constants,
-        "actual_current": (needed + samples.smooth((true_features(samples.qd) * true).sum(axis=-1))) / constants,
+        "actual_current": (needed + samples.smooth((friction_features(samples.qd) * true).sum(axis=-1))) / constants,
     }
     return {name: found[name] for name in samples.fields}
 

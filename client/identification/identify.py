@@ -14,7 +14,7 @@ import numpy as np
 
 from client.errors import RecordingError
 from client.identification.fidelity import Payload, check_model, moments, recorded_payload
-from client.identification.samples import Array, Samples, known_features, samples_of, true_features
+from client.identification.samples import Array, Samples, friction_features, known_features, samples_of
 from client.recording.recording import Recording
 from urproto.joints import JOINT_LABELS
 from urproto.robots import RobotModel
@@ -155,7 +155,7 @@ class _Fit:
         samples = self._samples
         rotors, constants = (np.array(self._values[name]) for name in ("rotor_kg_m2", "torque_constants_Nm_A"))
         loss = samples.fields["actual_current"] * constants - rigid - rotors * samples.qdd
-        features = samples.smooth(true_features(samples.qd))
+        features = samples.smooth(friction_features(samples.qd))
         loss = loss - self._unknown_load(loss, features)
         for joint in self._moving_joints("its friction"):
             rows = samples.moving[:, joint]

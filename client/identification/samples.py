@@ -95,7 +95,7 @@ def known_features(qd: Array) -> Array:
     return np.stack([np.clip(qd / KNOWN_COULOMB_RAD_S, -1.0, 1.0), slow, qd - slow], axis=-1)
 
 
-def true_features(qd: Array) -> Array:
+def friction_features(qd: Array) -> Array:
     """Features of the arm's friction, which is linear in them: (n, 6, 2), Coulomb and viscous part."""
     return np.stack([np.clip(qd / KNOWN_COULOMB_RAD_S, -1.0, 1.0), qd], axis=-1)
 

@@ -45,7 +45,7 @@ def _has_polyscope_x(station: Station) -> bool:
     return station.version is not None and station.version.is_polyscope_x
 
 
-def why_no_stepping(station: Station) -> str:
+def stepping_refusal(station: Station) -> str:
     """Why there are no steps and breakpoints; empty if there are."""
     if can_play_files(station):
         return ""

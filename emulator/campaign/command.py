@@ -10,7 +10,7 @@ from typing import Annotated, Final
 import typer
 
 from emulator.campaign.cluster import RayWorkers
-from emulator.campaign.conduct import Conductor, failing_ones, simplest
+from emulator.campaign.conduct import Conductor, first_failures, simplest
 from emulator.campaign.jobs import Workers
 from emulator.campaign.journal import Journal, write_parquet
 from emulator.campaign.local import LocalWorkers
@@ -83,7 +83,7 @@ def _carry_out(plan: Plan, journal: Journal, ray: str | None, workers: int | Non
         try:
             Conductor(plan, chosen, journal, version, progress.update).run()
             progress.finish()
-            return simplest(plan, chosen, version, failing_ones(journal, minimise))
+            return simplest(plan, chosen, version, first_failures(journal, minimise))
         except KeyboardInterrupt:
             progress.finish()
             left = f"{journal.left:,} runs are left: repeat the command to continue" if journal.left else "all are done"

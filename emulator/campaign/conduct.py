@@ -89,7 +89,7 @@ class Conductor:
             self.on_results(self.journal.add([Result(run, Status.LOST, why)]))
 
 
-def failing_ones(journal: Journal, most: int) -> list[Result]:
+def first_failures(journal: Journal, most: int) -> list[Result]:
     """The first failed run of each kind of failure, for at most this many kinds."""
     first: dict[str, Result] = {}
     for result in journal.results():

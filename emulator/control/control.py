@@ -16,10 +16,10 @@ from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, V
 from emulator.control.world import WorldVerbs
 from emulator.controller import Controller
 from emulator.faults.catalogue import kinds, make_fault
-from emulator.faults.fault import FaultError, FaultImpossible, publish_no_controller, rebooted
+from emulator.faults.fault import FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.machine import ControllerConfig
-from emulator.servers.admission import TurnedAway
+from emulator.servers.admission import RejectedClients
 
 _T = TypeVar("_T")
 
@@ -41,7 +41,7 @@ class FaultVerbs(Verbs):
             return self._faults.inject(make_fault(kind, arguments))
         except FaultError as error:
             raise BadArguments(str(error)) from error
-        except FaultImpossible as error:
+        except FaultImpossibleError as error:
             raise NotPossible(f"{kind}: {error}") from error
 
     @verb
@@ -76,7 +76,7 @@ class Port(Protocol):
     def peers(self) -> list[str]: ...
 
     @property
-    def turned_away(self) -> TurnedAway: ...
+    def turned_away(self) -> RejectedClients: ...
 
 
 class PortVerbs(Verbs):

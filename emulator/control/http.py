@@ -26,7 +26,7 @@ from emulator.servers.http import (
     OK,
     UNAUTHORIZED,
     HttpConnection,
-    Refused,
+    HttpError,
     Request,
     Response,
     check_host,
@@ -120,14 +120,14 @@ class _ControlConnection(HttpConnection):
         if method == "GET" and path == "/verbs":
             return listing(_VERBS)
         if not path.startswith("/verbs/"):
-            raise Refused(NOT_FOUND, f"nothing is served at {path}: see /openapi.json")
+            raise HttpError(NOT_FOUND, f"nothing is served at {path}: see /openapi.json")
         if method != "POST":
-            raise Refused(NOT_ALLOWED, f"the method {method} is not allowed: call a verb with POST")
+            raise HttpError(NOT_ALLOWED, f"the method {method} is not allowed: call a verb with POST")
         return self._call(path.removeprefix("/verbs/"), request)
 
     def _call(self, name: str, request: Request) -> Any:
         if name not in _VERBS:
-            raise Refused(NOT_FOUND, f"there is no verb {name!r}: see /verbs")
+            raise HttpError(NOT_FOUND, f"there is no verb {name!r}: see /verbs")
         check_type(request, JSON)
         result = _VERBS[name].call(self.server.control, _arguments(request.body))
         if not is_waiting(result):
@@ -146,7 +146,7 @@ class _ControlConnection(HttpConnection):
     def _check_token(self, authorization: str) -> None:
         token = self.server.token
         if token and not hmac.compare_digest(to_bytes(authorization), to_bytes(f"Bearer {token}")):
-            raise Refused(
+            raise HttpError(
                 UNAUTHORIZED,
                 "the token is missing or wrong: send the header Authorization: Bearer <token>",
                 {"WWW-Authenticate": "Bearer"},
@@ -161,10 +161,10 @@ def _arguments(body: bytes) -> dict[str, Any]:
 
 
 def _outcome(work: Callable[[], Any]) -> tuple[int, Any]:
-    """Return the status and the content of the answer. Raises Refused."""
+    """Return the status and the content of the answer. Raises HttpError."""
     try:
         return OK, work()
-    except Refused:
+    except HttpError:
         raise
     except BadArguments as error:
         return BAD, {"error": str(error)}

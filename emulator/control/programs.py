@@ -223,14 +223,14 @@ def _shown_program(controller: "Controller") -> Waiting[dict[str, Any]]:
         shown |= {"file": loaded.path.name, "text": text or loaded.script}
         if loaded.tree is not None:
             steps = outline_steps(loaded.tree, controller.installation.file, controller.version)
-            nodes = yield from in_periods(_or_nothing(steps), controller.period_s)
+            nodes = yield from in_periods(_empty_if_unfit(steps), controller.period_s)
             shown["tree"] = [asdict(node) for node in nodes or ()]
         else:
             shown["tree"] = [asdict(node) for node in loaded.outline]
     return shown
 
 
-def _or_nothing(steps: Steps[list[OutlineNode]]) -> Steps[list[OutlineNode]]:
+def _empty_if_unfit(steps: Steps[list[OutlineNode]]) -> Steps[list[OutlineNode]]:
     """No nodes if the tree does not fit the installation, which may have changed since the tree was loaded."""
     try:
         return (yield from steps)

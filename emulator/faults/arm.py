@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, added, register
+from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, added, register
 from emulator.faults.network import NotNegative
 from emulator.lifecycle.runstate import StopCause
 from emulator.safety.causes import Cause
@@ -147,7 +147,7 @@ class LostBrake(Fault):
 
     def check(self, site: Site) -> None:
         if site.controller.simulation.real.drives is None:
-            raise FaultImpossible("an ideal arm has no weight and does not sag without a brake: use --arm dynamic")
+            raise FaultImpossibleError("an ideal arm has no weight and does not sag without a brake: use --arm dynamic")
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         drives = site.controller.simulation.real.drives

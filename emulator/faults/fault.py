@@ -91,11 +91,11 @@ class Site:
     machine: Machine | None = None
 
     def server(self, name: str) -> PortServer:
-        """The server of a port. Raises FaultImpossible."""
+        """The server of a port. Raises FaultImpossibleError."""
         if not self.servers:
-            raise FaultImpossible("this robot has no ports")
+            raise FaultImpossibleError("this robot has no ports")
         if name not in self.servers:
-            raise FaultImpossible(f"this robot has no port {name!r}: choose from {', '.join(self.servers)}")
+            raise FaultImpossibleError(f"this robot has no port {name!r}: choose from {', '.join(self.servers)}")
         return self.servers[name]
 
     def periods(self, seconds: float) -> int:
@@ -121,7 +121,7 @@ class FaultError(ValueError):
     """The fault is unknown, has wrong arguments, or contradicts itself or another fault."""
 
 
-class FaultImpossible(Exception):  # noqa: N818 - named for what is the case
+class FaultImpossibleError(Exception):
     """This robot cannot have the fault."""
 
 
@@ -167,7 +167,7 @@ class Fault(ABC):
         return set()
 
     def check(self, site: "Site") -> None:  # noqa: B027 - most kinds are always possible
-        """Raise FaultImpossible if this robot cannot have the fault."""
+        """Raise FaultImpossibleError if this robot cannot have the fault."""
 
     @abstractmethod
     def act(self, site: "Site", strikes: "Strikes") -> Act:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from emulator.faults.catalogue import checked, describe
-from emulator.faults.fault import Act, Fault, FaultError, FaultImpossible, Machine, Rate, Site, Strikes
+from emulator.faults.fault import Act, Fault, FaultError, FaultImpossibleError, Machine, Rate, Site, Strikes
 from emulator.servers.port import PortServer
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class _Entry:
     claims: set[str] = field(default_factory=set)
 
     def begin(self, site: Site) -> None:
-        """Raises FaultImpossible."""
+        """Raises FaultImpossibleError."""
         self.fault.check(site)
         self.state = "in force"
         if not self.fault.occasion and not self.strikes.count:
@@ -82,7 +82,7 @@ class FaultInjector:
         self._over: deque[_Entry] = deque(maxlen=_REMEMBERED)
 
     def inject(self, fault: Fault) -> int:
-        """Inject a fault and return its number. Raises FaultError or FaultImpossible, without any effect."""
+        """Inject a fault and return its number. Raises FaultError or FaultImpossibleError, without any effect."""
         checked(fault)
         fault.check(self.site)
         begins, ends = self._times(fault)
@@ -130,7 +130,7 @@ class FaultInjector:
         for entry in tuple(self._present):
             try:
                 self._step(entry)
-            except FaultImpossible as error:
+            except FaultImpossibleError as error:
                 self._fail(entry, str(error))
             except Exception as error:
                 _logger.exception("fault %d (%s) failed", entry.number, entry.fault.kind)
@@ -154,7 +154,7 @@ class FaultInjector:
             if entry.state == "in force" and entry.act is None:
                 try:
                     self._begin(entry)
-                except FaultImpossible as error:
+                except FaultImpossibleError as error:
                     self._fail(entry, str(error))
         self._tidy()
 

@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Machine, Rate, Share, Site, Strikes, register
+from emulator.faults.fault import Act, Fault, FaultImpossibleError, Machine, Rate, Share, Site, Strikes, register
 from emulator.faults.network import NotNegative
 
 
 def _rate(site: Site) -> Rate:
     if site.rate is None:
-        raise FaultImpossible("the time of this robot advances step by step: no control period can be late")
+        raise FaultImpossibleError("the time of this robot advances step by step: no control period can be late")
     return site.rate
 
 
@@ -95,7 +95,7 @@ class Outage(Fault):
 
     def _machine(self, site: Site) -> Machine:
         if site.machine is None:
-            raise FaultImpossible("nothing can restart the controller of this robot")
+            raise FaultImpossibleError("nothing can restart the controller of this robot")
         return site.machine
 
     @contextmanager

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, added, register
+from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, added, register
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer
@@ -44,7 +44,7 @@ class ListenerFault(PortFault):
         """The affected servers that listen."""
         found = [server for server in super().servers(site) if server.port]
         if not found:
-            raise FaultImpossible(f"{self.port} are connections that the robot opens: there is no port to close")
+            raise FaultImpossibleError(f"{self.port} are connections that the robot opens: there is no port to close")
         return found
 
     def claims(self, site: Site) -> set[str]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, added, register
+from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, added, register
 from emulator.faults.network import ClientFault
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
@@ -104,7 +104,7 @@ class RtdeFieldNotFound(VariableFault):
     def check(self, site: Site) -> None:
         host = _host(site)
         if self.field not in host.outputs and self.field not in host.inputs:
-            raise FaultImpossible(f"PolyScope {host.version} has no RTDE variable {self.field!r}")
+            raise FaultImpossibleError(f"PolyScope {host.version} has no RTDE variable {self.field!r}")
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         host = _host(site)
@@ -124,7 +124,7 @@ class RtdeInputInUse(VariableFault):
     def check(self, site: Site) -> None:
         host = _host(site)
         if self.field not in host.inputs:
-            raise FaultImpossible(f"PolyScope {host.version} has no RTDE input {self.field!r}")
+            raise FaultImpossibleError(f"PolyScope {host.version} has no RTDE input {self.field!r}")
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         reservations = _host(site).reservations

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossible, Site, Strikes, register
+from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, register
 from emulator.world.disturbances import Disturbances
 
 
@@ -14,13 +14,13 @@ def _scene(site: Site) -> Disturbances:
     world = site.controller.world
     found = None if world is None else world.disturbances
     if found is None:
-        raise FaultImpossible("this robot has no scene with physics: start it with --world and --physics")
+        raise FaultImpossibleError("this robot has no scene with physics: start it with --world and --physics")
     return found
 
 
 def _check(kind: str, name: str, there: Collection[str]) -> None:
     if name not in there:
-        raise FaultImpossible(f"there is no {kind} {name!r}: choose from {', '.join(there) or 'none'}")
+        raise FaultImpossibleError(f"there is no {kind} {name!r}: choose from {', '.join(there) or 'none'}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@
 control. The functions here implement them; their docstrings are the descriptions in the OpenAPI document. A function
 takes the controller, and the parts of the request that its annotations name: the body, a program's name in the path, an
 uploaded file. It returns the answer, or yields once per control period until the answer is known. It refuses a request
-by raising `Refused`.
+by raising `HttpError`.
 
 Statuses 400, 403, 404, 409, 422, 500 and 504 are from the API's own documentation, as quoted by users. It is a guess
 that a program that cannot be played gives 409, and one that cannot be loaded 404: the documentation has 500 for both,
@@ -39,7 +39,7 @@ from emulator.robotapi.messages import (
     StoredProgram,
 )
 from emulator.robotapi.stored import find_program, store_program, stored_programs
-from emulator.servers.http import CONFLICT, INVALID, TIMED_OUT, Refused
+from emulator.servers.http import CONFLICT, INVALID, TIMED_OUT, HttpError
 from urproto import dashboard as replies
 from urproto import robotapi
 from urproto.modes import RuntimeState, SafetyMode
@@ -104,13 +104,13 @@ def put_state(controller: Controller, change: StateChange) -> Generator[None, No
 
 def _power_on(controller: Controller) -> _Waiting:
     if not controller.power.report.powered and not controller.power_event(PowerEvent.POWER_ON):
-        raise Refused(CONFLICT, f"the arm cannot be switched on: its safety mode is {controller.safety.mode.name}")
+        raise HttpError(CONFLICT, f"the arm cannot be switched on: its safety mode is {controller.safety.mode.name}")
     yield from _reached(controller, PowerState.IDLE, PowerState.RELEASING, PowerState.RUNNING)
 
 
 def _brake_release(controller: Controller) -> _Waiting:
     if not controller.power.running and not controller.power_event(PowerEvent.BRAKE_RELEASE):
-        raise Refused(CONFLICT, f"the brakes cannot be released: the safety mode is {controller.safety.mode.name}")
+        raise HttpError(CONFLICT, f"the brakes cannot be released: the safety mode is {controller.safety.mode.name}")
     yield from _reached(controller, PowerState.RUNNING)
 
 
@@ -120,23 +120,25 @@ def _power_off(controller: Controller) -> _Waiting:
 
 
 def _reached(controller: Controller, *states: PowerState) -> Generator[None, None, None]:
-    """Wait until the arm is in one of these states. Raises Refused if it is switched off again or takes too long."""
+    """Wait until the arm is in one of these states. Raises HttpError if it is switched off again or takes too long."""
     for period in range(round(_SWITCHING_S / controller.period_s)):
         if controller.power.state in states:
             return
         if period and controller.power.state is PowerState.OFF and PowerState.OFF not in states:
-            raise Refused(CONFLICT, f"the arm was switched off again: its safety mode is {controller.safety.mode.name}")
+            raise HttpError(
+                CONFLICT, f"the arm was switched off again: its safety mode is {controller.safety.mode.name}"
+            )
         yield
-    raise Refused(TIMED_OUT, f"after {_SWITCHING_S:g} s the robot mode is {controller.power.robot_mode.name}")
+    raise HttpError(TIMED_OUT, f"after {_SWITCHING_S:g} s the robot mode is {controller.power.robot_mode.name}")
 
 
 def _unlock(controller: Controller) -> _Waiting:
     """Unlock immediately: the vendor's tests unlock within a second, which the dashboard would refuse for 5 s."""
     yield from ()
     if controller.safety.mode is not SafetyMode.PROTECTIVE_STOP:
-        raise Refused(CONFLICT, f"there is no protective stop: the safety mode is {controller.safety.mode.name}")
+        raise HttpError(CONFLICT, f"there is no protective stop: the safety mode is {controller.safety.mode.name}")
     if not controller.safety_event(SafetyEvent.UNLOCK):
-        raise Refused(CONFLICT, "the protective stop cannot be unlocked while its cause persists")
+        raise HttpError(CONFLICT, "the protective stop cannot be unlocked while its cause persists")
 
 
 def _restart_safety(controller: Controller) -> _Waiting:
@@ -200,7 +202,7 @@ def _load(controller: Controller, name: str) -> Generator[None, None, None]:
         yield from dashboard.loading(controller, path)
     except (OSError, ValueError) as error:
         controller.messages.text(f"loading {name} failed: {error}")
-        raise Refused(INVALID, f"{name} is not loaded: {error}") from error
+        raise HttpError(INVALID, f"{name} is not loaded: {error}") from error
 
 
 @endpoint(robotapi.GET_LOADED)
@@ -215,12 +217,12 @@ def put_program_state(controller: Controller, change: ProgramStateChange) -> Gen
     """Play, pause, resume or stop the loaded program. The answer comes when it is done."""
     paused = controller.programs.state is RuntimeState.PAUSED
     if change.action is ProgramAction.RESUME and not paused:
-        raise Refused(CONFLICT, "there is no paused program to resume")
+        raise HttpError(CONFLICT, "there is no paused program to resume")
     act, done = _ACTIONS[change.action]
     answer = yield from act(controller)
     if answer != done:
         mode, state = controller.power.robot_mode.name, controller.programs.state.name
-        raise Refused(CONFLICT, f"{change.action} is not possible: the robot mode is {mode}, the program {state}")
+        raise HttpError(CONFLICT, f"{change.action} is not possible: the robot mode is {mode}, the program {state}")
     return Done(_OK)
 
 
@@ -255,7 +257,7 @@ def get_program(controller: Controller, name: str) -> Generator[None, None, byte
     try:
         return path.read_bytes()
     except OSError as error:
-        raise Refused(CONFLICT, f"{name} cannot be read: {error.strerror or error}") from error
+        raise HttpError(CONFLICT, f"{name} cannot be read: {error.strerror or error}") from error
 
 
 @endpoint(robotapi.POST_PROGRAM)

@@ -31,7 +31,7 @@ from emulator.servers.http import (
     OK,
     TEMPORARY_REDIRECT,
     HttpConnection,
-    Refused,
+    HttpError,
     Request,
     Response,
     check_host,
@@ -73,7 +73,7 @@ class RobotApiCall(Command):
             answer = self.operation.function(controller, *self.arguments)
             if isinstance(answer, Generator):
                 answer = yield from answer
-        except Refused as error:
+        except HttpError as error:
             return error.status, ApiError(str(error))
         return OK, answer
 
@@ -114,9 +114,9 @@ class _RobotApiConnection(HttpConnection):
             self.reply(Response(*answer))
 
     def _operation(self, request: Request) -> tuple[Operation, str]:
-        """The requested operation, and the name in its path. Raises Refused."""
+        """The requested operation, and the name in its path. Raises HttpError."""
         if not request.path.startswith(f"{BASE}/"):
-            raise Refused(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
+            raise HttpError(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
         path = request.path.removeprefix(BASE)
         here = [(each, name) for each in self.server.operations if (name := _matched(each, path)) is not None]
         found = next((each for each in here if each[0].endpoint.method == request.method), None)
@@ -124,12 +124,12 @@ class _RobotApiConnection(HttpConnection):
             return found
         if here:
             allowed = ", ".join(sorted(each.endpoint.method for each, _ in here))
-            raise Refused(NOT_ALLOWED, f"{request.method} is not allowed here: use {allowed}", {"Allow": allowed})
+            raise HttpError(NOT_ALLOWED, f"{request.method} is not allowed here: use {allowed}", {"Allow": allowed})
         for other in (f"{path}/", path.rstrip("/")):
             if any(each.endpoint.path == other for each in self.server.operations):
                 query = f"?{request.query}" if request.query else ""
-                raise Refused(TEMPORARY_REDIRECT, f"it is at {BASE}{other}", {"Location": f"{BASE}{other}{query}"})
-        raise Refused(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
+                raise HttpError(TEMPORARY_REDIRECT, f"it is at {BASE}{other}", {"Location": f"{BASE}{other}{query}"})
+        raise HttpError(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
 
 
 def _matched(operation: Operation, path: str) -> str | None:
@@ -150,7 +150,7 @@ class _InvalidRequestError(ValueError):
 
 
 def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, ...]:
-    """The arguments of the operation's function. Raises _InvalidRequestError or Refused."""
+    """The arguments of the operation's function. Raises _InvalidRequestError or HttpError."""
     if operation.named:
         return (name,)
     if operation.upload:
@@ -179,17 +179,17 @@ def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, 
 def _urcaps(request: Request) -> Response:
     """The answer of the service for URCaps: none are installed, and none can be."""
     if request.method != "GET":
-        raise Refused(_NOT_IMPLEMENTED, "URCaps of PolyScope X are not emulated")
+        raise HttpError(_NOT_IMPLEMENTED, "URCaps of PolyScope X are not emulated")
     return Response(OK, [])
 
 
 def _check_method(request: Request, method: str) -> None:
     if request.method != method:
-        raise Refused(NOT_ALLOWED, f"{request.method} is not allowed here: use {method}", {"Allow": method})
+        raise HttpError(NOT_ALLOWED, f"{request.method} is not allowed here: use {method}", {"Allow": method})
 
 
 def _check_origin(request: Request) -> None:
     """Refuse web pages by their Origin header: browsers send forms with files without a preflight request."""
     origin = request.headers.get("origin")
     if origin is not None and urlsplit(origin).netloc != request.headers.get("host", ""):
-        raise Refused(FORBIDDEN, f"web pages of {origin[:100]} may not use the robot")
+        raise HttpError(FORBIDDEN, f"web pages of {origin[:100]} may not use the robot")

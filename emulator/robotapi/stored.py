@@ -9,7 +9,7 @@ from typing import Final
 from emulator.controller import Controller
 from emulator.programs.loading import DEFAULT_URPX, MAX_PROGRAMS
 from emulator.programs.own_folder import ensure_programs_folder
-from emulator.servers.http import BAD, INVALID, NOT_FOUND, Refused
+from emulator.servers.http import BAD, INVALID, NOT_FOUND, HttpError
 from urproto.robotapi import DEFAULT_PROGRAM
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.urpx import SUFFIX, UrpxError, UrpxInformation, read_information, read_urpx
@@ -44,40 +44,40 @@ def _files(controller: Controller) -> list[Path]:
 
 
 def find_program(controller: Controller, name: str) -> Generator[None, None, Path]:
-    """Find the file of a program, by the name of the program, otherwise of the file. Raises Refused."""
+    """Find the file of a program, by the name of the program, otherwise of the file. Raises HttpError."""
     stored = yield from stored_programs(controller)
     for names in ({information.name: path for path, information in stored}, {path.stem: path for path, _ in stored}):
         if name in names:
             return names[name]
-    raise Refused(NOT_FOUND, f"there is no program {name!r}")
+    raise HttpError(NOT_FOUND, f"there is no program {name!r}")
 
 
 def store_program(controller: Controller, data: bytes, *, new: bool) -> Generator[None, None, str]:
-    """Write a program, completely or not at all, and return its name. Raises Refused.
+    """Write a program, completely or not at all, and return its name. Raises HttpError.
 
     new: whether the program must not exist yet; otherwise it replaces an existing one.
     """
     try:
         name = read_urpx(data).name
     except UrpxError as error:
-        raise Refused(INVALID, f"the file is not a PolyScope X program: {error}") from error
+        raise HttpError(INVALID, f"the file is not a PolyScope X program: {error}") from error
     stored = {information.name: path for path, information in (yield from stored_programs(controller))}
     if new and name in stored:
-        raise Refused(BAD, f"the program {name!r} exists already")
+        raise HttpError(BAD, f"the program {name!r} exists already")
     if not new and name not in stored:
-        raise Refused(NOT_FOUND, f"there is no program {name!r}")
+        raise HttpError(NOT_FOUND, f"there is no program {name!r}")
     if name == DEFAULT_PROGRAM and stored[name] == DEFAULT_URPX:
-        raise Refused(INVALID, f"{name!r} is reserved for the robot: give the program another name")
+        raise HttpError(INVALID, f"{name!r} is reserved for the robot: give the program another name")
     _write(_place(controller, name) if new else stored[name], data)
     return name
 
 
 def _place(controller: Controller, name: str) -> Path:
     if len(name) > _LONGEST_NAME or "/" in name or "\\" in name:
-        raise Refused(INVALID, f"{name[:40]!r} cannot be the name of a program: no / or \\, and at most 200 letters")
+        raise HttpError(INVALID, f"{name[:40]!r} cannot be the name of a program: no / or \\, and at most 200 letters")
     place = ProgramsFolder(ensure_programs_folder(controller)).place(f"{name}{SUFFIX}")
     if place is None or place.exists():  # a file of this name that contains another program must not be overwritten
-        raise Refused(INVALID, f"{name!r} cannot be the name of a program: another program uses its file name")
+        raise HttpError(INVALID, f"{name!r} cannot be the name of a program: another program uses its file name")
     return place
 
 
@@ -89,6 +89,6 @@ def _write(place: Path, data: bytes) -> None:
     except (OSError, ValueError) as error:
         with suppress(OSError):
             draft.unlink()
-        raise Refused(
+        raise HttpError(
             INVALID, f"{place.name} cannot be written: {getattr(error, 'strerror', None) or error}"
         ) from error

@@ -67,7 +67,7 @@ def _log_once_a_minute(error: OSError) -> None:
         _logger.warning("no client can be accepted: %s%s", error.strerror, more)
 
 
-class TurnedAway:
+class RejectedClients:
     """Counts and logs clients of a port that were turned away, by reason."""
 
     def __init__(self, port_name: str) -> None:
@@ -176,7 +176,7 @@ class Acceptor:
         listening: socket.socket,
         admit: Callable[[str], tuple[Reason, str] | None],
         welcome: Callable[[socket.socket, str], None],
-        turned_away: TurnedAway,
+        turned_away: RejectedClients,
     ) -> None:
         listening.setblocking(False)
         self._listening = listening

@@ -46,11 +46,11 @@ class Picture:
         return sum(map(len, self.parts))
 
 
-class CannotDraw(Exception):  # noqa: N818 - an answer
+class DrawingError(Exception):
     """A picture cannot be drawn; the text is the reason, in one line."""
 
 
-PictureCallback = Callable[[Picture | CannotDraw], None]
+PictureCallback = Callable[[Picture | DrawingError], None]
 
 
 class Drawing:
@@ -68,7 +68,7 @@ class Drawing:
         self._new_request = asyncio.Event()
         self._worker: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()  # the worker, and former ones whose process is still ending
-        self._failed: tuple[float, CannotDraw] | None = None
+        self._failed: tuple[float, DrawingError] | None = None
 
     @property
     def at_work(self) -> bool:
@@ -115,8 +115,8 @@ class Drawing:
                 for callback in callbacks:
                     callback(picture)
                 callbacks = []
-        except (CannotDraw, OSError, TimeoutError, ValueError) as error:
-            reason = error if isinstance(error, CannotDraw) else CannotDraw(_lost(error))
+        except (DrawingError, OSError, TimeoutError, ValueError) as error:
+            reason = error if isinstance(error, DrawingError) else DrawingError(_lost(error))
             _logger.warning("cameras: %s", reason)
             self._failed = asyncio.get_running_loop().time() + _RETRY_S, reason
             callbacks += [callback for pending in self._requests.values() for callback in pending]
@@ -164,7 +164,7 @@ class Drawing:
                     await self._new_request.wait()
 
     async def _draw(self, process: Process, name: str, form: str) -> Picture:
-        """Raises CannotDraw, OSError, TimeoutError, ValueError."""
+        """Raises DrawingError, OSError, TimeoutError, ValueError."""
         from emulator.physics.cameras import CameraError
         from emulator.physics.drawing import HEADER, pose_of_picture, request
 
@@ -182,9 +182,9 @@ class Drawing:
                     size -= len(parts[-1])
                 return Picture(parts, time_s, pose_of_picture(message))
             except asyncio.IncompleteReadError as error:
-                raise CannotDraw(_lost(error)) from error
+                raise DrawingError(_lost(error)) from error
             except CameraError as error:
-                raise CannotDraw(str(error)) from error
+                raise DrawingError(str(error)) from error
 
 
 def _lost(error: Exception) -> str:

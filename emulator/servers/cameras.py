@@ -11,7 +11,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qs, unquote
 
-from emulator.servers.camera_drawing import MAX_HZ, CannotDraw, Drawing, Picture
+from emulator.servers.camera_drawing import MAX_HZ, Drawing, DrawingError, Picture
 from emulator.servers.connection import Connection
 from emulator.servers.http import (
     BAD,
@@ -20,7 +20,7 @@ from emulator.servers.http import (
     OK,
     UNAVAILABLE,
     HttpConnection,
-    Refused,
+    HttpError,
     Request,
     Response,
     check_host,
@@ -115,9 +115,9 @@ class CameraServer(PortServer):
         return _PAGE.format(cameras="\n".join(shown) or _NO_CAMERAS).encode()
 
     def check_room(self) -> None:
-        """Raises Refused if the maximum number of viewers is reached."""
+        """Raises HttpError if the maximum number of viewers is reached."""
         if sum(isinstance(one, HttpConnection) and one.waiting for one in self.connections) >= _MAX_VIEWERS:
-            raise Refused(UNAVAILABLE, f"the limit of {_MAX_VIEWERS} viewers of cameras is reached: close one")
+            raise HttpError(UNAVAILABLE, f"the limit of {_MAX_VIEWERS} viewers of cameras is reached: close one")
 
 
 class _CameraConnection(HttpConnection):
@@ -139,7 +139,7 @@ class _CameraConnection(HttpConnection):
         check_host(request, also=is_local)
         check_site(request)
         if request.method != "GET":
-            raise Refused(NOT_ALLOWED, f"the method {request.method} is not allowed: use GET", {"Allow": "GET"})
+            raise HttpError(NOT_ALLOWED, f"the method {request.method} is not allowed: use GET", {"Allow": "GET"})
         if request.path == "/":
             return Response(OK, self.server.page(), _PAGE_HEADERS)
         if request.path == CAMERAS:
@@ -152,16 +152,16 @@ class _CameraConnection(HttpConnection):
         return None
 
     def _camera_and_form(self, path: str) -> tuple[str, str]:
-        """Return the camera and the form of the picture that a path names. Raises Refused."""
+        """Return the camera and the form of the picture that a path names. Raises HttpError."""
         top, _, rest = path.removeprefix("/").partition("/")
         name, _, form = rest.partition("/")
         if f"/{top}" != CAMERAS or not form:
-            raise Refused(NOT_FOUND, f"nothing is served at {path}: see {CAMERAS}")
+            raise HttpError(NOT_FOUND, f"nothing is served at {path}: see {CAMERAS}")
         name, known = unquote(name), self.server.world.cameras
         if name not in known:
-            raise Refused(NOT_FOUND, f"there is no camera {name!r}; there are: {', '.join(known) or 'none'}")
+            raise HttpError(NOT_FOUND, f"there is no camera {name!r}; there are: {', '.join(known) or 'none'}")
         if form != STREAM and form not in FORMS:
-            raise Refused(NOT_FOUND, f"a camera does not serve {form}; it serves: {', '.join((STREAM, *FORMS))}")
+            raise HttpError(NOT_FOUND, f"a camera does not serve {form}; it serves: {', '.join((STREAM, *FORMS))}")
         return name, form
 
     def received(self, data: bytes) -> None:
@@ -222,7 +222,7 @@ class _Viewing:
         self._requested_s = 0.0
         self._next: asyncio.TimerHandle | None = None
 
-        self._callback: Callable[[Picture | CannotDraw], None] = self._send_picture
+        self._callback: Callable[[Picture | DrawingError], None] = self._send_picture
         # later: the drawing may answer immediately, but the request has to be handled completely before
         asyncio.get_running_loop().call_soon(self._request_picture)
 
@@ -249,13 +249,13 @@ class _Viewing:
             self._requested_s = asyncio.get_running_loop().time()
             self._connection.server.drawing.request(self._name, self._form, self._callback)
 
-    def _send_picture(self, picture: Picture | CannotDraw) -> None:
+    def _send_picture(self, picture: Picture | DrawingError) -> None:
         connection = self._connection
-        if isinstance(picture, CannotDraw):
+        if isinstance(picture, DrawingError):
             if self._stream_started:
                 connection.close()  # the status of a stream has been sent already: closing is the only signal left
             else:
-                connection.reply(connection.refuse(Refused(UNAVAILABLE, str(picture))))
+                connection.reply(connection.refuse(HttpError(UNAVAILABLE, str(picture))))
             return
         head = {
             "Content-Type": FORMS[self._form],
@@ -279,12 +279,12 @@ class _Viewing:
 
 
 def _fps(query: str) -> float:
-    """Return the rate that a query asks for, in pictures per second. Raises Refused."""
+    """Return the rate that a query asks for, in pictures per second. Raises HttpError."""
     given = parse_qs(query).get("fps", [str(_DEFAULT_HZ)])[-1]
     try:
         rate_hz = float(given)
     except ValueError:
         rate_hz = 0.0
     if not _MIN_HZ <= rate_hz <= MAX_HZ:
-        raise Refused(BAD, f"fps must be a number from {_MIN_HZ:g} to {MAX_HZ:g}, not {given[:20]!r}")
+        raise HttpError(BAD, f"fps must be a number from {_MIN_HZ:g} to {MAX_HZ:g}, not {given[:20]!r}")
     return rate_hz

@@ -14,7 +14,7 @@ import time
 from contextlib import suppress
 from typing import Final, Protocol
 
-from emulator.servers.admission import Reason, TurnedAway
+from emulator.servers.admission import Reason, RejectedClients
 from emulator.servers.hooks import BytesHook, Direction, Hooks
 from emulator.servers.read_budget import ReadBudget
 from emulator.servers.web import Opening, Visitor
@@ -49,7 +49,7 @@ class Port(Protocol):
 
     name: str
     hooks: "Hooks[Connection]"
-    turned_away: TurnedAway
+    turned_away: RejectedClients
     read_budget: ReadBudget
     connections: "list[Connection]"
 

@@ -28,7 +28,7 @@ TOO_LARGE, WRONG_TYPE, INVALID, FAILED, UNAVAILABLE, TIMED_OUT = 413, 415, 422, 
 _logger = logging.getLogger(__name__)
 
 
-class Refused(Exception):  # noqa: N818 - an answer
+class HttpError(Exception):
     """A request is refused: the status of the answer, the error message, and additional headers."""
 
     def __init__(self, status: int, text: str, headers: Mapping[str, str] | None = None) -> None:
@@ -75,7 +75,7 @@ class HttpConnection(Connection):
 
     @abstractmethod
     def answer(self, request: Request) -> Response | None:
-        """Return the answer, or None if ``reply`` is called later. Raises Refused."""
+        """Return the answer, or None if ``reply`` is called later. Raises HttpError."""
 
     @abstractmethod
     def refusal(self, status: int, text: str) -> Any:
@@ -102,7 +102,7 @@ class HttpConnection(Connection):
         self._next_cycle()
         self._proceed()
 
-    def refuse(self, error: Refused) -> Response:
+    def refuse(self, error: HttpError) -> Response:
         """Return the answer to a request that is refused."""
         return Response(error.status, self.refusal(error.status, str(error)), error.headers)
 
@@ -130,7 +130,7 @@ class HttpConnection(Connection):
             try:
                 event = self._http.next_event()
             except h11.RemoteProtocolError as error:
-                self._send(self.refuse(Refused(error.error_status_hint, str(error))))
+                self._send(self.refuse(HttpError(error.error_status_hint, str(error))))
                 self.hang_up()
                 return
             if event is h11.NEED_DATA or event is h11.PAUSED or isinstance(event, h11.ConnectionClosed):
@@ -155,17 +155,17 @@ class HttpConnection(Connection):
         headers = {name.decode(): from_bytes(value) for name, value in self._request.headers}
         path, _, query = from_bytes(self._request.target).partition("?")
         if len(self._body) > self.max_body:
-            raise Refused(TOO_LARGE, f"the body has more than {self.max_body} bytes")
+            raise HttpError(TOO_LARGE, f"the body has more than {self.max_body} bytes")
         return self.answer(Request(self._request.method.decode(), path, query, headers, bytes(self._body)))
 
     def _outcome(self, work: Callable[[], Response | None]) -> Response | None:
         try:
             return work()
-        except Refused as error:
+        except HttpError as error:
             return self.refuse(error)
         except Exception as error:
             _logger.exception("%s: a request failed", self.server.name)
-            return self.refuse(Refused(FAILED, f"the request failed because of a bug in the emulator: {error}"))
+            return self.refuse(HttpError(FAILED, f"the request failed because of a bug in the emulator: {error}"))
 
     def _send(self, response: Response) -> None:
         if self._http.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
@@ -197,7 +197,7 @@ def as_json(content: Any) -> bytes:
 
 
 def check_host(request: Request, *, also: Callable[[str], bool] = lambda _: False) -> None:
-    """Require the Host of a request to be an address, localhost, or a name that ``also`` accepts. Raises Refused.
+    """Require the Host of a request to be an address, localhost, or a name that ``also`` accepts. Raises HttpError.
 
     This keeps out pages of web sites whose name was made to resolve to this machine (DNS rebinding).
     """
@@ -205,19 +205,19 @@ def check_host(request: Request, *, also: Callable[[str], bool] = lambda _: Fals
     name = host.rpartition(":")[0] if ":" in host.rpartition("]")[2] else host
     name = name.strip("[]")
     if name != "localhost" and not is_address(name) and not also(name):
-        raise Refused(FORBIDDEN, f"the Host {host!r} is not allowed: use an IP address in the URL")
+        raise HttpError(FORBIDDEN, f"the Host {host!r} is not allowed: use an IP address in the URL")
 
 
 def check_site(request: Request) -> None:
-    """Keep out pages of other sites: browsers mark all their requests to this machine. Raises Refused."""
+    """Keep out pages of other sites: browsers mark all their requests to this machine. Raises HttpError."""
     if request.headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
-        raise Refused(FORBIDDEN, "pages of other web sites have no access")
+        raise HttpError(FORBIDDEN, "pages of other web sites have no access")
 
 
 def check_type(request: Request, expected: str) -> None:
-    """Require a content type that web pages cannot send to another site without its permission. Raises Refused."""
+    """Require a content type that web pages cannot send to another site without its permission. Raises HttpError."""
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != expected:
-        raise Refused(WRONG_TYPE, f"send the header Content-Type: {expected}")
+        raise HttpError(WRONG_TYPE, f"send the header Content-Type: {expected}")
 
 
 def is_local(name: str) -> bool:

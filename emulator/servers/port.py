@@ -13,7 +13,7 @@ from typing import Any, Final, Protocol
 
 from emulator.commands.requests import ServingFailed
 from emulator.mailbox import Command
-from emulator.servers.admission import Acceptor, ClientLimits, Reason, TurnedAway
+from emulator.servers.admission import Acceptor, ClientLimits, Reason, RejectedClients
 from emulator.servers.connection import SEND_BUFFER, Connection
 from emulator.servers.hooks import Hooks
 from emulator.servers.read_budget import ReadBudget
@@ -55,7 +55,7 @@ class PortServer:
         self.controller = controller
         self.hooks = Hooks[Connection]()
         self.limits = ClientLimits()
-        self.turned_away = TurnedAway(name)
+        self.turned_away = RejectedClients(name)
         self.read_budget = ReadBudget()
         self.send_scheduler = SendScheduler()
         self.connections: list[Connection] = []

@@ -18,7 +18,7 @@ from typing import Final, cast
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer, ServedController
 from emulator.services.sockets import ScriptNetwork, SocketState
-from urproto.backdoors import LOOPBACK_OF, leads_behind_a_robot
+from urproto.backdoors import LOOPBACK_OF, is_backdoor
 
 _LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
 
@@ -103,7 +103,7 @@ class NetworkSockets:
         permitted = [numeric for numeric in found if network not in near or _is_loopback(numeric)]
         reached = [self._own_ports.reach(numeric, port) for numeric in permitted]
         if network is not ScriptNetwork.ANY_AND_CONTROL:
-            reached = [place for place in reached if not leads_behind_a_robot(*place)]
+            reached = [place for place in reached if not is_backdoor(*place)]
         if not reached and (found or network is ScriptNetwork.NONE):
             where = f"{address}:{port}" + (f" ({', '.join(found)})" if found and found != [address] else "")
             if permitted:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from campaign_rig import CAMPAIGN, InProcessWorkers, write
 
-from emulator.campaign.conduct import Conductor, failing_ones, simplest
+from emulator.campaign.conduct import Conductor, first_failures, simplest
 from emulator.campaign.journal import Journal, write_parquet
 from emulator.campaign.local import LocalWorkers
 from emulator.campaign.plan import Plan, read_plan
@@ -138,7 +138,7 @@ def test_one_failed_run_of_each_kind_is_reduced_to_a_minimum(tmp_path: Path) -> 
     plan = read_plan(write(tmp_path, CAMPAIGN.replace("robot: [{model: ur3, ", "robot: [{model: ur10, ")))
     results = conducted(plan, tmp_path / "out")
     with Journal(tmp_path / "out", plan, VERSION) as journal:
-        failed = failing_ones(journal, 10)
+        failed = first_failures(journal, 10)
         assert [result.failure for result in failed] == ["runtime exception: line 3: oh"]
         assert failed[0].run == min(result.run for result in results if result.status is Status.FAILED)
         simpler = simplest(plan, InProcessWorkers(plan.folder), VERSION, failed)

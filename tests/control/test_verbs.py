@@ -14,7 +14,7 @@ from emulator.control import control
 from emulator.control.control import Control, LiveControl, PortVerbs, VirtualRobot
 from emulator.control.verbs import BadArguments, NotPossible, verbs_of
 from emulator.machine import ControllerConfig
-from emulator.servers.admission import Reason, TurnedAway
+from emulator.servers.admission import Reason, RejectedClients
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 
@@ -263,7 +263,9 @@ def test_every_verb_returns_its_steps() -> None:
 
 
 def test_only_ports_that_turned_clients_away_are_listed(robot: VirtualRobot) -> None:
-    ports = {name: SimpleNamespace(port=1, peers=[], turned_away=TurnedAway(name)) for name in ("rtde", "dashboard")}
+    ports = {
+        name: SimpleNamespace(port=1, peers=[], turned_away=RejectedClients(name)) for name in ("rtde", "dashboard")
+    }
     ports["dashboard"].turned_away.count(Reason.PORT_FULL, "127.0.0.1:5", "is turned away")
     verbs = PortVerbs(robot._robot, ports, dict)
     assert verbs.turned_away() == {"dashboard": {"port full": 1}}

@@ -20,7 +20,7 @@ from emulator.control.remote import RemoteControl
 from emulator.machine import ControllerConfig
 from emulator.serve import Pendant
 from tests.servers.test_cli import read_until
-from urproto.backdoors import leads_behind_a_robot
+from urproto.backdoors import is_backdoor
 from urproto.compat import module_command
 from urproto.compat_asyncio import timeout
 from urproto.ports import CONTROL_API_PORT
@@ -59,7 +59,7 @@ def test_pendant_starts_and_ends_with_emulator(number: signal.Signals) -> None:
         url = f"http://{host}:6080"
         assert url in read_until(process, "Teach pendant of")
         assert responds(url)
-        assert leads_behind_a_robot(host, 6080), "programs of robots must not reach it"
+        assert is_backdoor(host, 6080), "programs of robots must not reach it"
         process.send_signal(number)
         process.wait(DEADLINE_S)
         deadline = time.monotonic() + DEADLINE_S

@@ -16,7 +16,7 @@ from emulator.machine import ControllerConfig
 from emulator.servers import script_sockets
 from emulator.servers.script_sockets import NetworkSockets
 from emulator.services.sockets import ScriptNetwork, ScriptSocket
-from urproto.backdoors import BackdoorMark, leads_behind_a_robot
+from urproto.backdoors import BackdoorMark, is_backdoor
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.testing.process import EmulatorProcess
@@ -320,10 +320,10 @@ async def test_the_control_api_of_another_process_is_recognised() -> None:
     """As in a fleet, whose robots are in several processes, and with robots of other tests."""
     with EmulatorProcess(["--ephemeral-ports"]) as other:
         port = other.ports["control"]
-        assert leads_behind_a_robot(other.host, port)
-        assert not leads_behind_a_robot(other.host, other.ports["dashboard"])
+        assert is_backdoor(other.host, port)
+        assert not is_backdoor(other.host, other.ports["dashboard"])
         assert not await reaches(NetworkSockets(), other.host, port)
-    assert not leads_behind_a_robot(other.host, port), "the mark is gone with its process"
+    assert not is_backdoor(other.host, port), "the mark is gone with its process"
 
 
 async def test_a_pendant_is_refused_like_a_control_api() -> None:
@@ -343,13 +343,13 @@ async def test_a_control_api_on_all_interfaces_is_recognised_by_each_address() -
     port = 1  # not used by an emulator that runs at the same time
     mark = BackdoorMark("0.0.0.0", port)
     try:
-        assert leads_behind_a_robot(HOST, port)
-        assert leads_behind_a_robot("127.0.0.77", port)
-        assert not leads_behind_a_robot("192.0.2.1", port), "of another machine"
-        assert not leads_behind_a_robot("::1", port)
+        assert is_backdoor(HOST, port)
+        assert is_backdoor("127.0.0.77", port)
+        assert not is_backdoor("192.0.2.1", port), "of another machine"
+        assert not is_backdoor("::1", port)
     finally:
         mark.close()
-    assert not leads_behind_a_robot(HOST, port)
+    assert not is_backdoor(HOST, port)
 
 
 def turn_an_input_on(port: int) -> str:

@@ -50,26 +50,26 @@ def check() -> None:
 
 def load(name: str) -> ModuleType:
     """A module of the project by its dotted name: the same as with ``import``, if that finds ours."""
-    shadowed = [package for package in PACKAGES if package != "urproto" and not _finds_ours(package)]
+    shadowed = [package for package in PACKAGES if package != "urproto" and not _finds_own_package(package)]
     if not shadowed:
         return importlib.import_module(name)
     with _own_names(shadowed):
         return importlib.import_module(name)
 
 
-def is_ours(origin: str | None, package: str) -> bool:
+def is_own_package(origin: str | None, package: str) -> bool:
     """Whether a package's ``__init__.py`` is that of the project."""
     own_file = ROOT / package / "__init__.py"
     return origin is not None and Path(origin).exists() and own_file.samefile(origin)
 
 
-def _finds_ours(package: str) -> bool:
+def _finds_own_package(package: str) -> bool:
     """Whether ``import`` would find our package, without importing it."""
     present = sys.modules.get(package)
     if present is not None:
-        return is_ours(getattr(present, "__file__", None), package)
+        return is_own_package(getattr(present, "__file__", None), package)
     spec = importlib.util.find_spec(package)
-    return spec is not None and is_ours(spec.origin, package)
+    return spec is not None and is_own_package(spec.origin, package)
 
 
 @contextmanager

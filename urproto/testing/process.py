@@ -54,7 +54,7 @@ _ONLY_ADDRESS: Final = "127.0.0.1"
 _next = itertools.count(os.getpid() * _STRIDE)
 
 
-class NoAddress(OSError):  # noqa: N818 - named for what happened
+class NoAddressError(OSError):
     """The usual ports are not free on any loopback address."""
 
 
@@ -73,7 +73,7 @@ class ClaimedAddress:
 
 
 def claim_address() -> ClaimedAddress:
-    """Claim an address. Raises NoAddress if a process on this machine uses the usual ports on all addresses."""
+    """Claim an address. Raises NoAddressError if a process on this machine uses the usual ports on all addresses."""
     for number in itertools.islice(_next, _ATTEMPTS):
         host = socket.inet_ntoa((_FIRST + number % _COUNT).to_bytes(4, "big"))
         lock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -86,7 +86,7 @@ def claim_address() -> ClaimedAddress:
                 return ClaimedAddress(_ONLY_ADDRESS, shared=True)
             continue
         return ClaimedAddress(host, shared=False, _lock=lock)
-    raise NoAddress(
+    raise NoAddressError(
         f"port {_DASHBOARD_PORT} is taken on every loopback address: something listens on 0.0.0.0, perhaps another "
         "emulator or a container. Stop it, or let this emulator have free ports (ephemeral_ports=True)"
     )

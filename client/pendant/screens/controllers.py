@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from client.controllers.controller import in_short
+from client.controllers.controller import interface_summary
 from client.pendant.manager_link import Controllers, ControlPanel, trajectory_controllers
 from client.pendant.page import Page
 from client.pendant.station import Station
@@ -68,7 +68,9 @@ class _List:
                 ui.label(name)
                 ui.label(controller["type"]).classes("controllers-type")
                 if claims := controller.get("claimed_interfaces"):
-                    ui.label(f"claims {in_short(claims)}").classes("controllers-type").tooltip("\n".join(claims))
+                    ui.label(f"claims {interface_summary(claims)}").classes("controllers-type").tooltip(
+                        "\n".join(claims)
+                    )
             ui.label(state).classes("chip").props(f"data-state={'good' if state == 'active' else 'off'}")
             with ui.element("div").classes("controllers-actions"):
                 for title, icon, request in _ACTIONS.get(state, ()):

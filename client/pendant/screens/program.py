@@ -210,12 +210,12 @@ def _play_buttons(page: Page, commands: Commands, button: Callable[..., ui.butto
         page.bind_button(Action.PLAY, command, new_button, text)
         if emulated:
             page.live.effect(_can_step, new_button.set_enabled)
-            page.live.bind(new_button, "title", playback.why_no_stepping)
+            page.live.bind(new_button, "title", playback.stepping_refusal)
     breakpoint_button = button(
         "Breakpoint", "stop_circle", page.handler(commands.breakpoint), "program-breakpoint", _BREAKPOINT
     )
     page.live.effect(playback.can_play_files, breakpoint_button.set_enabled)
-    page.live.bind(breakpoint_button, "title", playback.why_no_stepping)
+    page.live.bind(breakpoint_button, "title", playback.stepping_refusal)
     page.live.text(_play_note, "program-why").props("data-testid=program-why")
 
 

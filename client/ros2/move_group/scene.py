@@ -314,9 +314,9 @@ class SceneState:
         return message
 
     def _is_allowed(self, one: str, other: str) -> bool:
-        return one == other or self._may_touch(one, other) or self.never_checked(one, other)
+        return one == other or self._may_touch(one, other) or self.is_collision_disabled(one, other)
 
-    def never_checked(self, one: str, other: str) -> bool:
+    def is_collision_disabled(self, one: str, other: str) -> bool:
         """Whether two links are never checked, because they always touch or can never touch."""
         if not {one, other} <= set(self.arm.collision_links):
             return False

@@ -21,7 +21,7 @@ def srdf(arm: Arm) -> str:
             SubElement(state, "joint", name=joint, value=repr(angle))
     scene = SceneState(arm)
     for one, other in combinations(arm.collision_links, 2):
-        if scene.never_checked(one, other):
+        if scene.is_collision_disabled(one, other):
             adjacent = arm.collision_links.index(other) - arm.collision_links.index(one) == 1
             SubElement(root, "disable_collisions", link1=one, link2=other, reason="Adjacent" if adjacent else "Never")
     indent(root)
