@@ -35,9 +35,9 @@ pages: $(VENV)/.dev ## what README and docs tell you to type
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m page $(ARGS)
 
-# Bugs planted one at a time, and whether the tests of their subject find them: an hour. ARGS="rtde motion" for those
-# of some subjects only.
-mutants: $(VENV)/.dev ## bugs planted one at a time, and whether the tests find them: an hour
+# Bugs planted one at a time, and whether the tests of their subject find them: ten minutes to half an hour.
+# ARGS="rtde motion" for those of some subjects only.
+mutants: $(VENV)/.dev ## bugs planted one at a time, and whether the tests find them: ten minutes or more
 	$(BIN)/python tests/mutants/mutants.py $(ARGS)
 
 # Thousands of random programs in virtual time, some minutes: the arm keeps its limits, no number makes the controller

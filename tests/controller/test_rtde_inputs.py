@@ -5,7 +5,9 @@ import math
 import pytest
 
 from emulator.fieldbus.rtde_inputs import _SETTERS
+from urproto.robots.pose import rotvec_to_matrix
 from urproto.rtde.fields import INPUT_FIELDS
+from urproto.vectors import rotate
 
 
 def test_every_input_variable_has_an_effect():
@@ -105,6 +107,21 @@ def test_an_external_wrench_takes_effect_once_enabled(ready):
     assert ready.now.tcp_force_scalar == pytest.approx(12.0)
     ready.controller.ft_input.enabled = False
     assert ready.tick().actual_TCP_force == (0.0,) * 6
+
+
+def test_an_external_wrench_acts_at_the_sensor_and_counts_at_the_tcp(ready):
+    ready.script("set_tcp(p[0, 0, 0.3, 0, 0, 0])")
+    ready.rtde(external_force_torque=(10.0, 0.0, 0.0, 0.0, 0.0, 0.0))  # in flange axes
+    ready.controller.ft_input.enabled = True
+    ready.controller.ft_input.measuring_offset = (0.0, 0.0, 0.1)
+    ready.tick(2)
+    arm = ready.controller.arm
+    assert arm.tcp_offset[2] == 0.3
+    x, y, z, tx, ty, tz = ready.controller.ft_input.wrench_base(arm)
+    turn = rotvec_to_matrix(*arm.flange_pose[3:])
+    assert (x, y, z) == pytest.approx(rotate(turn, (10.0, 0.0, 0.0)))
+    # the sensor is 0.2 m behind the TCP: (0, 0, -0.2) x (10, 0, 0)
+    assert (tx, ty, tz) == pytest.approx(rotate(turn, (0.0, -2.0, 0.0)))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

@@ -239,6 +239,20 @@ def test_braking_lasts_as_long_when_the_robot_is_slow():
     assert speeds[-1] == 0.0
 
 
+def test_braking_begins_at_the_scaled_speed_while_the_arm_is_still_faster():
+    constraints = {"decelerate_on_cancel": True} | {joint: {"max_deceleration_on_cancel": 1.0} for joint in JOINTS}
+    bench, scaled = started("scaled", constraints=constraints)
+    scaled.send_goal(trajectory(point(1.0, 1.0, 1.0)))
+    bench.run(0.5)  # at 1 rad/s
+    bench.joints.states[SCALING] = 0.5
+    bench.cycle()
+    assert bench.joints.states["shoulder_joint/velocity"] == pytest.approx(1.0)
+    begun_at = bench.q[0]
+    scaled.cancel()
+    bench.run(3.0)
+    assert bench.q[0] - begun_at == pytest.approx(0.5**2 / 2.0, abs=0.02)
+
+
 def test_a_new_goal_ends_the_old_one_and_begins_with_its_speed():
     bench, jtc = started()
     old = jtc.send_goal(trajectory(point(2.0, 2.0, 0.0), point(4.0, 4.0, 0.0)))

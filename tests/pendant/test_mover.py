@@ -8,7 +8,7 @@ import pytest
 
 from client import AsyncRobot, MotionError, MotionStoppedError
 from client.pendant.jogging import Velocity
-from client.pendant.mover import Mover
+from client.pendant.mover import STALE_S, Mover
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.lifecycle.power import PowerEvent
@@ -111,7 +111,9 @@ async def test_arm_moves_while_button_is_held(bench: Bench) -> None:
 
 async def test_arm_stops_without_messages_of_button(bench: Bench) -> None:
     await bench.hold_until(UP, "me", lambda: bench.moving)
+    released_s = bench.robot.controller.time_s
     await bench.wait_until(lambda: bench.at_rest)
+    assert bench.robot.controller.time_s - released_s < 5 * STALE_S
     await bench.wait_idle()
     assert bench.errors == []
 
