@@ -107,8 +107,8 @@ def ros2_interfaces() -> str:
     rows = []
     for node, has in load_yaml(_OFFICIAL.read_text(encoding="utf-8"))["nodes"].items():
         absent = has.get("absent", {})
-        told = [(kind, name, of_type) for kind in _KINDS for name, of_type in has.get(kind, {}).items()]
-        for kind, name, of_type in told or [("", "", "")]:
+        listed = [(kind, name, of_type) for kind in _KINDS for name, of_type in has.get(kind, {}).items()]
+        for kind, name, of_type in listed or [("", "", "")]:
             reason = absent.get(name) or absent.get("node")
             what = f"{_KINDS[kind]} `{name}`" if kind else "parameters alone"
             rows.append((f"`{node}`", what, f"`{of_type}`" if of_type else "", f"no: {reason}" if reason else "yes"))

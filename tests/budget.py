@@ -17,6 +17,6 @@ def examples(count: int) -> int:
     return count * _FACTOR
 
 
-def some(values: Iterable[str], now: Container[str]) -> list[object]:
+def subset(values: Iterable[str], now: Container[str]) -> list[object]:
     """Parameters of an expensive test: ``now`` in every run, the others with the long tests, also in CI."""
     return [value if value in now else pytest.param(value, marks=pytest.mark.long) for value in values]

@@ -60,7 +60,7 @@ class ManagerOptions:
 @asynccontextmanager
 async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
     """Connect to the robot, as soon as it answers. Raises RobotRefused if it refuses."""
-    said_s = -_LOG_INTERVAL_S
+    reported_s = -_LOG_INTERVAL_S
     async with AsyncExitStack() as opened:
         while True:
             robot = ControlledRobot(
@@ -79,8 +79,8 @@ async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
                 break
             except (RobotUnreachableError, ConnectionLostError, NoAnswerError) as error:
                 now_s = asyncio.get_running_loop().time()
-                if now_s - said_s >= _LOG_INTERVAL_S:
-                    said_s = now_s
+                if now_s - reported_s >= _LOG_INTERVAL_S:
+                    reported_s = now_s
                     _logger.warning("%s; trying again", error)
                 await asyncio.sleep(_RETRY_S)
         yield robot

@@ -144,10 +144,10 @@ class BackgroundRecorder:
     def _failure(self) -> RecordingError:
         """The error that the process printed before it ended."""
         assert self._process.stderr
-        said = self._process.stderr.read().decode(errors="replace").strip().splitlines()
+        errors = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         self._wait()
         self._close_pipes()
-        return RecordingError(said[-1] if said else f"{self.path}: the process that writes it was killed")
+        return RecordingError(errors[-1] if errors else f"{self.path}: the process that writes it was killed")
 
     def _close_pipes(self) -> None:
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):

@@ -134,8 +134,8 @@ def _judged(run: Run, status: int, report: Path, output: str) -> Result:
         return Result(run.number, Status.FAILED if status else Status.PASSED, _first_failure(tests), _robot_s(tests))
     if status == _NOT_COLLECTED:
         return Result(run.number, Status.REFUSED, f"pytest finds no test in {run.target}")
-    said = [line for line in output.splitlines() if line.startswith(("ERROR", "E  ", "INTERNALERROR"))]
-    why = (said or output.splitlines() or [""])[-1].strip()
+    lines = [line for line in output.splitlines() if line.startswith(("ERROR", "E  ", "INTERNALERROR"))]
+    why = (lines or output.splitlines() or [""])[-1].strip()
     return Result(run.number, Status.REFUSED, f"pytest exited with status {status}: {why}")
 
 

@@ -429,12 +429,12 @@ def disconnect(controller: Controller) -> str:
 # Helpers
 
 
-def _written(doing: str, write: Callable[[], str]) -> str:
+def _written(action: str, write: Callable[[], str]) -> str:
     """The reply of a function that writes a file, or why it failed."""
     try:
         return write()
     except (OSError, ValueError) as error:
-        return f"Failed to {doing}: {error}"
+        return f"Failed to {action}: {error}"
 
 
 def _until(controller: Controller, state: RuntimeState) -> Generator[None, None, None]:

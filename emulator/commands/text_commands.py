@@ -23,12 +23,12 @@ _MAX_WORDS: Final = 4  # of a command's name
 
 def execute(controller: Controller, line: str) -> bool:
     """Execute a line if it is a text command; return False if it is not, and therefore URScript."""
-    said = words(line.split("#", 1)[0])
-    for count in range(min(len(said), _MAX_WORDS), 0, -1):
-        command = lower(" ".join(said[:count]))
+    parts = words(line.split("#", 1)[0])
+    for count in range(min(len(parts), _MAX_WORDS), 0, -1):
+        command = lower(" ".join(parts[:count]))
         handler = TEXT_COMMANDS.get(command)
         if handler is not None:
-            argument = " ".join(said[count:])
+            argument = " ".join(parts[count:])
             if bool(argument) != (command in _WITH_ARGUMENT):
                 return False
             handler(controller, argument)

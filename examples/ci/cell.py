@@ -66,7 +66,7 @@ class Cell:
         """Tell the robot that we are there."""
         self.control.kickWatchdog()
 
-    def trouble(self) -> str:
+    def stop_reason(self) -> str:
         """What stops the robot, "" for nothing."""
         if self.receive.isEmergencyStopped():
             return "emergency stop"
@@ -74,9 +74,9 @@ class Cell:
 
     def _reason(self) -> str:
         deadline = time.monotonic() + EXPLANATION_S
-        while not (trouble := self.trouble()) and time.monotonic() < deadline:
+        while not (stop_reason := self.stop_reason()) and time.monotonic() < deadline:
             time.sleep(0.02)
-        return trouble or "the program stopped"
+        return stop_reason or "the program stopped"
 
     def recover(self) -> None:
         """Bring the robot back to where it moves. Raises CellError while the emergency stop is pressed."""

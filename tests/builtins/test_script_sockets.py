@@ -7,7 +7,7 @@ import pytest
 OPEN = 'socket_open("10.0.0.1", 50001, "s")\n'
 
 
-def talk(rig, body: str, *sent: bytes, limit_s: float = 10.0):
+def run_with_peer(rig, body: str, *sent: bytes, limit_s: float = 10.0):
     """Run a body with an open socket; the peer sends its bytes one after the other, some frames apart."""
     rig.start(OPEN + body)
     rig.until(lambda: bool(rig.sockets.opened), 1.0)
@@ -63,7 +63,7 @@ def test_reopening_a_name_closes_the_first_connection(rig):
     ],
 )
 def test_bytes_sent_by_each_function(rig, call, wire):
-    assert bytes(talk(rig, call).sent) == wire
+    assert bytes(run_with_peer(rig, call).sent) == wire
 
 
 @pytest.mark.parametrize(
@@ -106,18 +106,18 @@ def test_bytes_sent_by_each_function(rig, call, wire):
     ],
 )
 def test_values_returned_by_each_read_function(rig, call, sent, text):
-    talk(rig, f"textmsg({call})", sent)
+    run_with_peer(rig, f"textmsg({call})", sent)
     assert rig.texts == [text]
 
 
 def test_reads_wait_for_data_that_arrives_in_pieces(rig):
-    talk(rig, 'textmsg(socket_read_binary_integer(1, "s", 1))', b"\0", b"\0\1", b"\2")
+    run_with_peer(rig, 'textmsg(socket_read_binary_integer(1, "s", 1))', b"\0", b"\0\1", b"\2")
     assert rig.texts == ["[1,258]"]
 
 
 def test_data_after_the_suffix_is_kept(rig):
     body = 'textmsg(socket_read_string("s", "<", ">"))\ntextmsg(socket_read_byte_list(2, "s", 1))'
-    talk(rig, body, b"<a>bc")
+    run_with_peer(rig, body, b"<a>bc")
     assert rig.texts == ["a", "[2,98,99]"]
 
 
@@ -177,7 +177,7 @@ def test_text_longer_than_a_string_is_an_error(rig):
 
 
 def test_bytes_survive_a_round_trip_through_a_string(rig):
-    socket = talk(rig, 'socket_send_string(socket_read_string("s"), "s")', bytes(range(256)))
+    socket = run_with_peer(rig, 'socket_send_string(socket_read_string("s"), "s")', bytes(range(256)))
     assert bytes(socket.sent) == bytes(range(256))
 
 
@@ -201,7 +201,9 @@ def test_every_reader_accepts_the_longest_string(rig):
     longest = "x" * 1023
     read = 'socket_read_string("s", "<", ">")', 'socket_read_line("s")', 'socket_read_string("s")'
     body = "\n".join(f"textmsg(str_len({call}))" for call in read[:2])
-    talk(rig, f"{body}\nsleep(0.1)\ntextmsg(str_len({read[2]}))", f"<{longest}>{longest}\n".encode(), longest.encode())
+    run_with_peer(
+        rig, f"{body}\nsleep(0.1)\ntextmsg(str_len({read[2]}))", f"<{longest}>{longest}\n".encode(), longest.encode()
+    )
     assert rig.texts == ["1023", "1023", "1023"]
 
 
@@ -264,7 +266,7 @@ def test_a_closed_name_can_be_reopened(rig):
 @pytest.mark.parametrize("call", ["socket_read_ascii_float", "socket_read_binary_integer", "socket_read_byte_list"])
 def test_at_most_thirty_values_are_read(rig, call):
     wire = {"socket_read_ascii_float": b"(" + b",".join([b"1"] * 30) + b")"}.get(call, b"\0\0\0\1" * 30)
-    talk(rig, f'x = {call}(30, "s", 1)\ntextmsg(x[0], length(x))', wire)
+    run_with_peer(rig, f'x = {call}(30, "s", 1)\ntextmsg(x[0], length(x))', wire)
     assert rig.texts == ["3031"]
 
 

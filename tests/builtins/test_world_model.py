@@ -24,7 +24,7 @@ def text(pose):
     return f"p[{', '.join(f'{v:.17g}' for v in pose)}]"
 
 
-def some_pose():
+def random_pose():
     return [*RNG.uniform(-1, 1, 3), *RNG.uniform(-1.5, 1.5, 3)]
 
 
@@ -47,7 +47,7 @@ def test_predefined_frames_follow_the_arm(rig):
 
 
 def test_poses_between_frames(rig):
-    base, a, b, given = some_pose(), some_pose(), some_pose(), some_pose()
+    base, a, b, given = random_pose(), random_pose(), random_pose(), random_pose()
     rig.run(f'move_frame("base", {text(base)}, "world")\nadd_frame("a", {text(a)})\nadd_frame("b", {text(b)}, "a")')
     w_a = matrix(base) @ matrix(a)
     w_b = w_a @ matrix(b)
@@ -59,7 +59,7 @@ def test_poses_between_frames(rig):
 
 
 def test_a_relative_pose_in_the_coordinates_of_a_third_frame(rig):
-    a, b, c = some_pose(), some_pose(), some_pose()
+    a, b, c = random_pose(), random_pose(), random_pose()
     rig.run("\n".join(f'add_frame("{name}", {text(pose)})' for name, pose in zip("abc", (a, b, c), strict=True)))
     a, b, c = matrix(a), matrix(b), matrix(c)
     expected = np.eye(4)
@@ -69,7 +69,7 @@ def test_a_relative_pose_in_the_coordinates_of_a_third_frame(rig):
 
 
 def test_an_attached_frame_moves_with_the_arm_and_a_detached_one_does_not(rig):
-    part = some_pose()
+    part = random_pose()
     rig.run(f'add_frame("part", {text(part)}, "tcp")\nadd_frame("loose", {text(part)}, "tcp")')
     before = rig.value('get_pose("part", "base")')
     rig.run('attach_frame("part", "tcp")')
@@ -81,7 +81,7 @@ def test_an_attached_frame_moves_with_the_arm_and_a_detached_one_does_not(rig):
 
 
 def test_moving_a_frame_moves_its_children_and_keeps_its_parent(rig):
-    table, part, elsewhere = some_pose(), some_pose(), some_pose()
+    table, part, elsewhere = random_pose(), random_pose(), random_pose()
     rig.run(
         f'add_frame("table", {text(table)})\nadd_frame("part", {text(part)}, "table")\n'
         f'attach_frame("part", "table")\nmove_frame("table", {text(elsewhere)}, "flange")'
@@ -142,7 +142,7 @@ def test_invalid_calls_are_reported_and_change_nothing(rig, body, problem):
 
 
 def test_payload_of_attached_frames(rig):
-    tcp, offset = [0, 0, 0.1, 0, 0, 0.7], some_pose()
+    tcp, offset = [0, 0, 0.1, 0, 0, 0.7], random_pose()
     rig.run(
         f"set_tcp({text(tcp)})\n"
         'set_mass_properties("tcp", 1.5, [0.01, 0.02, 0.03], [0.01, 0.02, 0.03, 0.001, 0.002, 0.003])\n'

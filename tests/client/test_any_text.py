@@ -23,13 +23,13 @@ def test_a_script_goes_out_as_it_is_in_its_file() -> None:
 
 
 def test_what_a_robot_says_is_shown_on_the_pendant() -> None:
-    said = PopupMessage(request_id=1, title=from_bytes(LATIN), text=from_bytes(LATIN))
+    sent = PopupMessage(request_id=1, title=from_bytes(LATIN), text=from_bytes(LATIN))
     greeting = VersionMessage.of(VERSION, "today").encode(VERSION)
-    _, heard = PrimaryDecoder().feed(greeting + said.encode(VERSION))
-    assert heard == said
+    _, received = PrimaryDecoder().feed(greeting + sent.encode(VERSION))
+    assert received == sent
     log, dialogues = EventLog(), Dialogues()
     for listener in (log, dialogues):
-        listener.handle_message(readable_in(heard))
+        listener.handle_message(readable_in(received))
     assert log.events[-1].text == f"{SHOWN}: {SHOWN}"
     assert dialogues.oldest is not None
     assert dialogues.oldest.title == SHOWN

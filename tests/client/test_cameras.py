@@ -90,26 +90,26 @@ def test_pictures_that_are_none_are_told(served: Served, client: CameraClient) -
 
 
 def test_a_follower_says_once_that_pictures_are_lost_and_goes_on(served: Served) -> None:
-    taken, told = threading.Semaphore(0), list[str]()
+    taken, reported = threading.Semaphore(0), list[str]()
     again = threading.Event()
 
-    def tell(text: str) -> None:
-        told.append(text)
-        if len(told) == 1:
+    def report(text: str) -> None:
+        reported.append(text)
+        if len(reported) == 1:
             served.answers.clear()
         else:
             again.set()
 
     def take(shot: Shot) -> None:
         taken.release()
-        if not told:
+        if not reported:
             served.answers[STILL] = (503, {}, b'{"error": "no light"}')
 
     client = CameraClient(port=served.port)
-    with CameraFollower(client, lambda: [(OVERVIEW, "rgb.jpg")], 100.0, take, tell):
+    with CameraFollower(client, lambda: [(OVERVIEW, "rgb.jpg")], 100.0, take, report):
         assert taken.acquire(timeout=PATIENCE_S)
         assert again.wait(PATIENCE_S)
-    assert told == ["no light", "the cameras deliver images again"]
+    assert reported == ["no light", "the cameras deliver images again"]
 
 
 def test_frames_are_those_of_rep_103() -> None:

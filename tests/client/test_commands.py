@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.budget import some
+from tests.budget import subset
 from urproto.testing.process import EmulatorProcess
 
 if sys.platform != "linux":  # emulators have addresses of their own there
@@ -45,7 +45,7 @@ def run(*command: str, host: str = "127.0.0.1", folder: Path = ROOT) -> "subproc
 
 
 @pytest.mark.parametrize(
-    ("line", "status", "said"),
+    ("line", "status", "output"),
     [
         ("robotmode", 0, "Robotmode: RUNNING\n"),
         ("get loaded program", 0, "No program loaded\n"),
@@ -57,15 +57,15 @@ def run(*command: str, host: str = "127.0.0.1", folder: Path = ROOT) -> "subproc
         ("version", 1, "could not understand: 'version'"),  # CB3 has none
     ],
 )
-def test_dashboard(robot: EmulatorProcess, line: str, status: int, said: str) -> None:
+def test_dashboard(robot: EmulatorProcess, line: str, status: int, output: str) -> None:
     done = run("client", "dashboard", line, host=robot.host)
     assert done.returncode == status, done.stderr
     if status:
         assert done.stdout == ""
         assert done.stderr.count("\n") == 1
-        assert said in done.stderr
+        assert output in done.stderr
     else:
-        assert (done.stdout, done.stderr) == (said, "")
+        assert (done.stdout, done.stderr) == (output, "")
 
 
 def test_json(robot: EmulatorProcess) -> None:
@@ -99,7 +99,7 @@ def test_states_as_lines_of_json(robot: EmulatorProcess) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "status", "said"),
+    ("text", "options", "status", "output"),
     [
         ("# first\ndef hello():\n  sleep(0.1)\nend\n", (), 0, "hello is running\n"),
         ("def hello():\n  sleep(0.1)\nend\n", ("--wait",), 0, "hello is running\nhello has ended\n"),
@@ -113,12 +113,12 @@ def test_states_as_lines_of_json(robot: EmulatorProcess) -> None:
     ],
 )
 def test_send(
-    robot: EmulatorProcess, tmp_path: Path, text: str, options: tuple[str, ...], status: int, said: str
+    robot: EmulatorProcess, tmp_path: Path, text: str, options: tuple[str, ...], status: int, output: str
 ) -> None:
     (file := tmp_path / "hello.script").write_text(text)
     done = run("client", "send", str(file), *options, host=robot.host)
     assert done.returncode == status, done.stderr
-    assert said in (done.stderr if status else done.stdout)
+    assert output in (done.stderr if status else done.stdout)
 
 
 @pytest.mark.parametrize(
@@ -141,11 +141,11 @@ def test_waiting_ends_when_the_robot_stops(tmp_path: Path, verb: str, reason: st
                 run("client", "dashboard", "stop", host=robot.host)
             else:
                 getattr(robot.control, verb)()
-            _, said = sending.communicate(timeout=DEADLINE_S)
+            _, output = sending.communicate(timeout=DEADLINE_S)
     assert sending.returncode == 1
-    assert "program long:" in said
-    assert reason in said
-    assert said.count("\n") == 1
+    assert "program long:" in output
+    assert reason in output
+    assert output.count("\n") == 1
 
 
 def test_brackets_in_texts_are_no_markup(tmp_path: Path) -> None:
@@ -210,7 +210,7 @@ def test_version(name: str) -> None:
 
 @pytest.mark.parametrize(
     "command",
-    some(["ur-emulator --ephemeral-ports", "ur-client state", "urscript run x"], now=["ur-client state"]),
+    subset(["ur-emulator --ephemeral-ports", "ur-client state", "urscript run x"], now=["ur-client state"]),
 )
 def test_an_early_ctrl_c_ends_in_silence(command: str, tmp_path: Path) -> None:
     """At any moment of the start, imports of compiled packages among them."""
@@ -235,6 +235,6 @@ def test_an_early_ctrl_c_ends_in_silence(command: str, tmp_path: Path) -> None:
             assert process.stdout.readline() == "begun\n"
             time.sleep(chance.uniform(0.0, 0.6))
             process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=DEADLINE_S)
-        assert "Traceback" not in said, said
-        assert "Exception" not in said, said
+            _, output = process.communicate(timeout=DEADLINE_S)
+        assert "Traceback" not in output, output
+        assert "Exception" not in output, output

@@ -9,7 +9,7 @@ from rich.console import Console
 from client.commands.following import ProgressBar
 
 
-def told(width: int, terminal: bool, shares: int = 21) -> str:
+def shown(width: int, terminal: bool, shares: int = 21) -> str:
     """A motion of 20 s, looked at every second."""
     clock = iter(range(100))
     text = io.StringIO()
@@ -23,19 +23,19 @@ def told(width: int, terminal: bool, shares: int = 21) -> str:
 
 
 def test_without_a_terminal_there_is_a_line_now_and_then() -> None:
-    assert told(80, terminal=False).splitlines() == [
+    assert shown(80, terminal=False).splitlines() == [
         "bend (2/3): 20 % after 5 s",
         "bend (2/3): 45 % after 10 s",
         "the arm waits: its safety mode is PROTECTIVE_STOP",
         "bend (2/3): 70 % after 15 s, slider 30 %",
         "bend (2/3): 95 % after 20 s, slider 30 %",
     ]
-    assert told(80, terminal=False, shares=4) == ""  # short ones say nothing
+    assert shown(80, terminal=False, shares=4) == ""  # short ones say nothing
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])
 def test_a_bar_fits_the_terminal(width: int) -> None:
-    lines = re.sub(r"\x1b\[[?\d]*[A-Za-z]", "", told(width, terminal=True)).replace("\r", "\n").splitlines()
+    lines = re.sub(r"\x1b\[[?\d]*[A-Za-z]", "", shown(width, terminal=True)).replace("\r", "\n").splitlines()
     bars = [line for line in lines if "bend (2/3)" in line]
     assert bars
     assert "100 %" in bars[-1]

@@ -54,7 +54,7 @@ def state(mode=RobotMode.RUNNING, safety=SafetyMode.NORMAL, *, full=False, runni
     return encode_robot_state(data, VERSION, full=full)
 
 
-def says(*messages):
+def encoded(*messages):
     return b"".join(message if isinstance(message, bytes) else message.encode(VERSION) for message in messages)
 
 
@@ -98,7 +98,7 @@ class Robot:
 
 
 def started_and_stopped(name="hello"):
-    return [says(key(PROGRAM_STARTED, name)), says(key(PROGRAM_STOPPED, name), state())]
+    return [encoded(key(PROGRAM_STARTED, name)), encoded(key(PROGRAM_STOPPED, name), state())]
 
 
 PROGRAM = "def hello():\n  textmsg(1)\nend"
@@ -107,9 +107,9 @@ PROGRAM = "def hello():\n  textmsg(1)\nend"
 def test_a_program_to_its_end():
     note = ErrorCodeMessage(code=171, argument=4, level=ReportLevel.WARNING)
     robot = Robot(
-        says(state(), key(PROGRAM_STOPPED, "before")),
-        says(key(PROGRAM_STARTED, "hello"), TextMessage(text="1"), note),
-        says(state(running=True), key(PROGRAM_STOPPED, "hello"), state()),
+        encoded(state(), key(PROGRAM_STOPPED, "before")),
+        encoded(key(PROGRAM_STARTED, "hello"), TextMessage(text="1"), note),
+        encoded(state(running=True), key(PROGRAM_STOPPED, "hello"), state()),
     )
     result = robot.run(PrimaryCore().execute(PROGRAM, start_timeout_s=3, timeout_s=60))
     assert robot.sent == [PROGRAM + "\n"]
@@ -119,8 +119,8 @@ def test_a_program_to_its_end():
 
 @pytest.mark.parametrize("ended", [True, False])
 def test_a_program_that_is_stopped_has_not_come_to_its_end(ended):
-    said = [TextMessage(text="hello has come to its end")] if ended else []
-    robot = Robot(says(key(PROGRAM_STARTED, "hello"), *said), says(key(PROGRAM_STOPPED, "hello"), state()))
+    end_message = [TextMessage(text="hello has come to its end")] if ended else []
+    robot = Robot(encoded(key(PROGRAM_STARTED, "hello"), *end_message), encoded(key(PROGRAM_STOPPED, "hello"), state()))
     core = PrimaryCore()
     run = robot.run(core.start(PROGRAM, require_end=True))
     assert robot.sent == ['def hello():\n  textmsg(1)\n  textmsg("hello has come to its end")\nend\n']
@@ -132,7 +132,7 @@ def test_a_program_that_is_stopped_has_not_come_to_its_end(ended):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "can_report_end"),
     [
         ("def f():\n  def g():\n    a = 1\n  end\n  g()\nend # f\n\n# that is all\n", True),
         ("  def f():\n  end", True),
@@ -145,11 +145,11 @@ def test_a_program_that_is_stopped_has_not_come_to_its_end(ended):
         ("def f():\n  if x:\n    y = 1\n  end", False),
     ],
 )
-def test_what_can_tell_its_end(text, told):
+def test_what_can_tell_its_end(text, can_report_end):
     script = with_end_message(prepare(text))
-    assert bool(script.end_message) is told
-    assert (script.text != text) is told
-    if told:
+    assert bool(script.end_message) is can_report_end
+    assert (script.text != text) is can_report_end
+    if can_report_end:
         extra = f'  textmsg("{script.end_message}")'
         lines = script.text.splitlines()
         (place,) = [number for number, line in enumerate(lines) if line.endswith(extra)]
@@ -161,8 +161,8 @@ def test_a_program_that_was_replaced_by_one_of_the_same_name():
     """The end of the old one is not taken for the end of the new one."""
     core = PrimaryCore()
     robot = Robot(
-        says(key(PROGRAM_STOPPED, "hello"), key(PROGRAM_STARTED, "hello")),
-        says(TextMessage(text="new"), key(PROGRAM_STOPPED, "hello"), state()),
+        encoded(key(PROGRAM_STOPPED, "hello"), key(PROGRAM_STARTED, "hello")),
+        encoded(TextMessage(text="new"), key(PROGRAM_STOPPED, "hello"), state()),
     )
     assert robot.run(core.execute(PROGRAM)).texts == ("new",)
 
@@ -208,19 +208,19 @@ def test_what_cannot_be_waited_for():
 def test_an_error_names_the_callers_line(text, reported, line, message):
     error = RuntimeExceptionMessage(line=reported[0], column=reported[1], text=reported[2])
     with pytest.raises(ScriptFailedError, match=f"line {line}, column {reported[1]}") as failed:
-        Robot(says(error)).run(PrimaryCore().execute(text))
+        Robot(encoded(error)).run(PrimaryCore().execute(text))
     assert (failed.value.line, failed.value.column, failed.value.text) == (line, reported[1], message)
 
 
 def test_an_error_while_running():
     error = RuntimeExceptionMessage(line=2, column=3, text="division by zero")
-    robot = Robot(says(key(PROGRAM_STARTED, "hello")), says(error, key(PROGRAM_STOPPED, "hello")))
+    robot = Robot(encoded(key(PROGRAM_STARTED, "hello")), encoded(error, key(PROGRAM_STOPPED, "hello")))
     with pytest.raises(ScriptFailedError, match="hello line 2, column 3: division by zero"):
         robot.run(PrimaryCore().execute(PROGRAM))
 
 
 def test_old_messages_are_not_about_this_program():
-    old = says(RuntimeExceptionMessage(line=1, column=1, text="old"), ErrorCodeMessage(code=153, argument=2))
+    old = encoded(RuntimeExceptionMessage(line=1, column=1, text="old"), ErrorCodeMessage(code=153, argument=2))
     core = PrimaryCore()
     result = Robot(*started_and_stopped(), backlog=old).run(core.execute(PROGRAM))
     assert result.errors == ()
@@ -234,7 +234,7 @@ STOPPED_STATE = state(safety=SafetyMode.PROTECTIVE_STOP, paused=True)
 
 
 @pytest.mark.parametrize(
-    ("heard", "text"),
+    ("encoded_messages", "text"),
     [
         ((STOP, STOPPED_STATE, CODE), "PROTECTIVE_STOP C153A2 deviates"),
         ((CODE, STOP), "PROTECTIVE_STOP C153A2 deviates"),
@@ -242,15 +242,15 @@ STOPPED_STATE = state(safety=SafetyMode.PROTECTIVE_STOP, paused=True)
         ((ErrorCodeMessage(code=191, argument=1, level=ReportLevel.VIOLATION, text="limit"),), "C191A1 limit"),
     ],
 )
-def test_a_safety_stop_fails_the_program(heard, text):
-    robot = Robot(says(key(PROGRAM_STARTED, "hello")), says(*heard))
+def test_a_safety_stop_fails_the_program(encoded_messages, text):
+    robot = Robot(encoded(key(PROGRAM_STARTED, "hello")), encoded(*encoded_messages))
     with pytest.raises(ScriptFailedError) as failed:
         robot.run(PrimaryCore().execute(PROGRAM))
     assert (failed.value.text, failed.value.line, failed.value.name) == (text, 0, "hello")
 
 
 def test_a_warning_fails_the_program_where_it_is_asked_to():
-    robot = Robot(says(key(PROGRAM_STARTED, "hello")), says(CODE))
+    robot = Robot(encoded(key(PROGRAM_STARTED, "hello")), encoded(CODE))
     core = PrimaryCore()
     run = robot.run(core.start(PROGRAM, failing=(ReportLevel.WARNING,)))
     with pytest.raises(ScriptFailedError, match="C153A2 deviates"):
@@ -260,7 +260,7 @@ def test_a_warning_fails_the_program_where_it_is_asked_to():
 def test_programs_that_do_not_start_or_end_in_time():
     with pytest.raises(ScriptFailedError, match=r"not started after 5 s; the robot mode is RUNNING, the safety"):
         Robot(state()).run(PrimaryCore().execute(PROGRAM))
-    robot = Robot(says(key(PROGRAM_STARTED, "hello"), state(running=True)))
+    robot = Robot(encoded(key(PROGRAM_STARTED, "hello"), state(running=True)))
     with pytest.raises(ScriptFailedError, match=r"still running after 7 s; .* a program is running"):
         robot.run(PrimaryCore().execute(PROGRAM, timeout_s=7))
 
@@ -279,9 +279,9 @@ def test_a_robot_that_cannot_run_programs_is_not_sent_any(condition, advice):
 def test_a_read_only_connection():
     read_only = ErrorCodeMessage(code=210, level=ReportLevel.WARNING, text="read-only")
     with pytest.raises(RobotRefused, match="C210A0 read-only - switch the robot to Remote Control"):
-        Robot(says(read_only)).run(PrimaryCore().execute(PROGRAM))
+        Robot(encoded(read_only)).run(PrimaryCore().execute(PROGRAM))
     with pytest.raises(RobotRefused, match="connect again"):
-        Robot(says(read_only)).run(PrimaryCore().command(STOP_PROGRAM))
+        Robot(encoded(read_only)).run(PrimaryCore().command(STOP_PROGRAM))
 
 
 @pytest.mark.parametrize(
@@ -306,9 +306,9 @@ def test_commands_are_seen_through(command, before, after):
 def test_what_is_kept():
     hello = VersionMessage.of(VERSION, "today")
     popup = PopupMessage(title="t", text="look")
-    heard = says(hello, state(full=True), TextMessage(text="a"), popup, CODE, state())
+    encoded_messages = encoded(hello, state(full=True), TextMessage(text="a"), popup, CODE, state())
     core = PrimaryCore()
-    robot = Robot(first=heard)
+    robot = Robot(first=encoded_messages)
     assert robot.run(core.polyscope_version()) == VERSION
     assert robot.run(core.kinematics_info()).dh_d == DH_D
     assert robot.run(core.configuration_data()).robot_type == 1

@@ -101,19 +101,19 @@ async def test_a_program_may_set_the_port_up_as_it_likes(robot: Robot, tmp_path:
 
 async def test_it_connects_again(robot: Robot, tmp_path: Path) -> None:
     device = tmp_path / "ttyUR"
-    said: list[str] = []
+    reported: list[str] = []
     back = asyncio.Event()
 
-    def say(text: str) -> None:
-        said.append(text)
+    def report(text: str) -> None:
+        reported.append(text)
         if "again" in text and "connected" in text:
             back.set()
 
-    async with ToolCommunication(HOST, robot.port, device, say) as line:
+    async with ToolCommunication(HOST, robot.port, device, report) as line:
         running = asyncio.create_task(line.run())
         assert await exchange(device, b"before") == b"before"
         await robot.stop()
-        while not said:
+        while not reported:
             await asyncio.sleep(0)
         await robot.start()
         async with timeout(20):
@@ -121,7 +121,7 @@ async def test_it_connects_again(robot: Robot, tmp_path: Path) -> None:
         assert await exchange(device, b"after") == b"after"
         running.cancel()
         await asyncio.wait([running])
-    assert ["closed the connection" in said[0], len(said)] == [True, 2]
+    assert ["closed the connection" in reported[0], len(reported)] == [True, 2]
 
 
 async def test_nobody_reads_the_device(robot: Robot, tmp_path: Path) -> None:
@@ -169,8 +169,8 @@ async def test_the_command(robot: Robot, tmp_path: Path, number: signal.Signals)
     process = subprocess.Popen([*command, "--port-offset", offset], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
         assert process.stdout is not None
-        said = await read_until(process.stdout.fileno(), b"\n")
-        assert said == f"{device} is the tool of {HOST}:{robot.port}. Ctrl-C ends it.\n".encode()
+        reported = await read_until(process.stdout.fileno(), b"\n")
+        assert reported == f"{device} is the tool of {HOST}:{robot.port}. Ctrl-C ends it.\n".encode()
         assert await exchange(device, b"hello") == b"hello"
         process.send_signal(number)
         assert await read_until(process.stdout.fileno(), None) == b""

@@ -14,7 +14,7 @@ from emulator.robot.body import Body
 from emulator.robot.installation import Payload
 from emulator.world.file import WorldPlan
 from emulator.world.shapes import Plane, WorldObject
-from tests.budget import some
+from tests.budget import subset
 from urproto.modes import ControlMode
 from urproto.robots import MODELS
 from urproto.robots.dynamics import Dynamics
@@ -172,7 +172,7 @@ def switch_off_safety_checks(rig):
     rig.controller.motion.govern(lambda *step: 0.0)
 
 
-@pytest.mark.parametrize("name", some(MODELS, now=("ur3", "ur5e", "ur30")))
+@pytest.mark.parametrize("name", subset(MODELS, now=("ur3", "ur5e", "ur30")))
 @pytest.mark.parametrize("load", [0.0, 1.0], ids=["empty", "loaded"])
 def test_a_program_is_followed_to_its_end(make, name, load):
     rig = make(name, running=True, dynamic=True, initial_q=(0.0, -1.5, 1.0, -1.2, -1.2, 0.0))
@@ -188,7 +188,7 @@ def test_a_program_is_followed_to_its_end(make, name, load):
     assert not rig.now.program_running
 
 
-@pytest.mark.parametrize("name", some(MODELS, now=("ur3", "ur5e", "ur30")))
+@pytest.mark.parametrize("name", subset(MODELS, now=("ur3", "ur5e", "ur30")))
 @pytest.mark.parametrize("load", [0.0, 1.0], ids=["empty", "loaded"])
 @pytest.mark.parametrize("joint", [0, 1, 2, 5])
 def test_the_arm_is_stable_at_top_speed_and_in_the_hardest_stop(make, name, load, joint):
@@ -471,15 +471,15 @@ def test_torque_accelerates_the_true_body(make):
     rig = torque_rig(make, dynamic=True)
     rig.script(torque_program((20, 1000), more=", friction_comp=False"))
     rig.until(lambda _: rig.controller.motion.torque is not None)
-    twin = Body(rig.controller.model)
+    reference = Body(rig.controller.model)
     body = rig.controller.arm.drives.body
-    twin.q, twin.qd = body.q, body.qd
+    reference.q, reference.qd = body.q, body.qd
     for _ in range(100):
         gravity = rig.controller.arm.dynamics.gravity_torques(body.q)
         rig.tick()
         for _ in range(2):
-            twin.step([20.0 + gravity[0], *gravity[1:]], ZERO6, 0.001)
-        assert body.q == pytest.approx(twin.q, abs=1e-9)
+            reference.step([20.0 + gravity[0], *gravity[1:]], ZERO6, 0.001)
+        assert body.q == pytest.approx(reference.q, abs=1e-9)
     assert body.qd[0] > 0.3
     assert rig.now.target_q == pytest.approx(rig.now.actual_q, abs=2e-3)
     assert error_rad(rig) < 2e-3

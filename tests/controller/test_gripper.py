@@ -202,17 +202,17 @@ settings_ = st.tuples(
 
 
 @given(st.lists(settings_ | st.integers(1, 400) | st.floats(1, 84), max_size=30))
-def test_the_fingers_always_stay_between_their_stops(doings: list[tuple[str, int] | int | float]) -> None:
+def test_the_fingers_always_stay_between_their_stops(actions: list[tuple[str, int] | int | float]) -> None:
     gripper = Gripper(MODEL)
     gripper.advance(PERIOD_S, powered=True)
-    for doing in doings:
-        if isinstance(doing, tuple):
-            if gripper.accepts(*doing):
-                gripper.set(*doing)
-        elif isinstance(doing, float):
-            gripper.object_mm = doing
+    for action in actions:
+        if isinstance(action, tuple):
+            if gripper.accepts(*action):
+                gripper.set(*action)
+        elif isinstance(action, float):
+            gripper.object_mm = action
         else:
-            for _ in range(doing):
+            for _ in range(action):
                 before = gripper.position
                 gripper.advance(PERIOD_S, powered=True)
                 assert abs(gripper.position - before) <= MODEL.speed(255) * PERIOD_S + 1e-9

@@ -118,12 +118,12 @@ async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
     shell = Session(manager)
     for do in ("load_controller", "configure_controller"):
         await shell.request(do, name="jtc")
-    told = []
+    reported = []
 
-    async def tell(controller, values):
-        told.append((controller.name, dict(values)))
+    async def report(controller, values):
+        reported.append((controller.name, dict(values)))
 
-    manager.on_parameters.append(tell)
+    manager.on_parameters.append(report)
     await shell.request("set_parameters", name="jtc", parameters={"constraints.goal_time": 0.5})
     found = await shell.request("list_parameters", name="jtc")
     assert found["constraints.goal_time"] == {"value": 0.5, "read_only": False}
@@ -137,7 +137,7 @@ async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
         with pytest.raises(ControllerError, match=words):
             await shell.request("set_parameters", name="jtc", parameters=values)
     assert manager.manager.controller("jtc").parameters.constraints.goal_time == 0.5
-    assert told == [("jtc", {"constraints.goal_time": 0.5})]
+    assert reported == [("jtc", {"constraints.goal_time": 0.5})]
 
 
 async def test_two_shells_switch_at_once(manager):
@@ -232,7 +232,7 @@ HELLO = b'{"protocol":1}\n'
 
 
 @pytest.mark.parametrize(
-    ("said", "answer"),
+    ("data", "answer"),
     [
         (b"GET / HTTP/1.1\r\n", "not a JSON message"),
         (b"\x00\xff\n", "not a JSON message"),
@@ -246,13 +246,13 @@ HELLO = b'{"protocol":1}\n'
         (HELLO + b"x" * (protocol.MAX_REQUEST + 10) + b"\n", "bytes at most"),
     ],
 )
-async def test_who_talks_nonsense_is_told_so_and_sent_away(manager, said, answer):
+async def test_who_talks_nonsense_is_told_so_and_sent_away(manager, data, answer):
     async with served(manager) as place:
         reader, writer = await _open(place)
-        writer.write(said)
-        heard = await reader.read()
+        writer.write(data)
+        received = await reader.read()
         writer.close()
-        assert answer in json.loads(heard.splitlines()[-1])["error"]["text"]
+        assert answer in json.loads(received.splitlines()[-1])["error"]["text"]
         async with remote() as shell:
             assert await shell.request("list_controllers") == []
 

@@ -137,7 +137,7 @@ def test_reused_ports_are_a_new_connection():
 def test_several_connections_with_different_protocols():
     packets = []
     read = modbus.ModbusRequest(modbus.Function.READ_COILS, 3, 2)
-    talks = {
+    conversations = {
         30001: Conversation().open().send(True, golden("safety_mode_5.24")),
         30020: Conversation().open().send(False, b"stopj(2)\n").send(True, b"ack: 1: stopj(2)\n"),
         502: Conversation().open().send(False, modbus.encode_frame(modbus.Frame(1, 0, modbus.encode_request(read))))
@@ -149,8 +149,8 @@ def test_several_connections_with_different_protocols():
         63352: Conversation().open().send(False, b"SET GTO 1\n").send(True, b"ack"),
         443: Conversation().open().send(True, b"\x16\x03"),
     }  # fmt: skip
-    for number, (port, talk) in enumerate(talks.items()):
-        packets += [ip_packet(sent, port, 40000 + number) for sent in talk.segments]
+    for number, (port, conversation) in enumerate(conversations.items()):
+        packets += [ip_packet(sent, port, 40000 + number) for sent in conversation.segments]
     lines, problems = session(pcap(packets, 101))
     assert messages(lines) == [
         "SafetyMode: timestamp_us=0 source=RT_MACHINE code=0 argument=0 safety_mode=PROTECTIVE_STOP "

@@ -73,12 +73,12 @@ def test_broadcast_ports(emulator, port, name, size, line):
 
 
 def test_a_dashboard_conversation(emulator):
-    talk = Conversation().open()
+    conversation = Conversation().open()
     with connected(emulator, 29999) as robot:
-        talk.send(True, robot.recv(1000)).send(False, b"robotmode\n")
+        conversation.send(True, robot.recv(1000)).send(False, b"robotmode\n")
         robot.sendall(b"robotmode\n")
-        talk.send(True, robot.recv(1000))
-    lines, problems = session(pcap([ethernet(ip_packet(sent, 29999)) for sent in talk.segments]))
+        conversation.send(True, robot.recv(1000))
+    lines, problems = session(pcap([ethernet(ip_packet(sent, 29999)) for sent in conversation.segments]))
     assert [line.partition(" dashboard: ")[2] for line in lines[1:]] == [
         "Connected: Universal Robots Dashboard Server", "robotmode", "Robotmode: RUNNING",
     ]  # fmt: skip
@@ -93,15 +93,15 @@ def test_an_rtde_conversation(emulator):
         codec.SetupInputs(inputs).encode(2),
         codec.Start().encode(2),
     ]
-    talk = Conversation().open()
+    conversation = Conversation().open()
     with connected(emulator, 30004) as robot:
         for request in requests:
             robot.sendall(request)
-            talk.send(False, request).send(True, robot.recv(65536))
+            conversation.send(False, request).send(True, robot.recv(65536))
         write = codec.InputData(1, b"\0\0\0\x2a").encode(2)
         robot.sendall(write)
-        talk.send(False, write).send(True, receive(robot, 1000)[: 64 * 10])
-    lines, problems = session(pcap([ethernet(ip_packet(sent, 30004)) for sent in talk.segments]))
+        conversation.send(False, write).send(True, receive(robot, 1000)[: 64 * 10])
+    lines, problems = session(pcap([ethernet(ip_packet(sent, 30004)) for sent in conversation.segments]))
     texts = [line.partition(" rtde: ")[2] for line in lines[1:]]
     assert "input 1: input_int_register_24=42" in texts
     states = [text for text in texts if text.startswith("data 1: timestamp=")]

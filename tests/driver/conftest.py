@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.budget import some
+from tests.budget import subset
 
 # driver_rig, and an emulator in a process of its own; importlib mode does not add the folders
 sys.path.insert(0, str(Path(__file__).parents[1] / "real_clients"))
@@ -22,7 +22,7 @@ from emulator.app import Emulator
 SPEED = {"ur3": 3.0, "ur5e": 2.0}
 
 
-@pytest.fixture(params=some(["ur3", "ur5e"], now=["ur3"]))
+@pytest.fixture(params=subset(["ur3", "ur5e"], now=["ur3"]))
 async def robot(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> AsyncIterator[Emulator]:

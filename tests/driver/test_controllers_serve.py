@@ -85,7 +85,7 @@ async def test_who_is_to_make_ready_waits_for_a_program_that_somebody_loads_and_
                 assert arm.driver.robot.robot_mode is RobotMode.RUNNING
                 assert "no program is loaded on the robot" in caplog.text
                 ready = asyncio.create_task(announce(running, options))
-                await until(lambda: _said(capsys, "waiting for the control program: 127.0.0.1, "))
+                await until(lambda: _printed(capsys, "waiting for the control program: 127.0.0.1, "))
                 port = arm.driver.program.sender.port
                 address = DriverAddress(HOST, port)
                 robot.controller.config = replace(robot.controller.config, external_control=address)
@@ -94,7 +94,7 @@ async def test_who_is_to_make_ready_waits_for_a_program_that_somebody_loads_and_
                 await board.request(dashboard.PLAY)
                 async with timeout(PATIENCE_S):
                     await ready
-                assert await _said(capsys, "the control program is running. Ctrl-C ends it.")
+                assert await _printed(capsys, "the control program is running. Ctrl-C ends it.")
                 await until(lambda: _active(running, SCALED))
         await board.request(dashboard.STOP)  # it loops, and asks for a driver that has left
         options = replace(options, robot=driver_options(robot, sender_port=port), controller="")
@@ -102,7 +102,7 @@ async def test_who_is_to_make_ready_waits_for_a_program_that_somebody_loads_and_
             assert arm.driver.program_running
 
 
-async def _said(capsys, text):
+async def _printed(capsys, text):
     return text in capsys.readouterr().err
 
 
@@ -121,12 +121,12 @@ async def test_commands_of_the_thesis_go_through_the_running_manager(robot, opti
             0.7,
             1,
         )
-        said = capsys.readouterr()
-        assert [line.split(":")[:2] for line in said.out.splitlines()] == [
+        output = capsys.readouterr()
+        assert [line.split(":")[:2] for line in output.out.splitlines()] == [
             ["there", " SUCCESSFUL"],
             ["back", " SUCCESSFUL"],
         ]
-        assert f"using the controller manager that is running for {HOST}" in said.err
+        assert f"using the controller manager that is running for {HOST}" in output.err
         found = read(tmp_path / "run.mcap")
         assert max(found.tracking(SCALED).actual_q[:, 0]) == pytest.approx(there[0], abs=1e-2)
         assert await state_of(manager, SCALED) == "active"  # it goes on

@@ -121,20 +121,20 @@ async def test_no_robot():
 async def test_a_new_program_that_knows_the_token_replaces_the_old_connection():
     async with ReverseEndpoint(0, HOST) as reverse:
         reverse.token = TOKEN
-        told = []
-        reverse.listeners.append(told.append)
+        reported = []
+        reverse.listeners.append(reported.append)
         old = await Robot.at(reverse)
         old.greet()
         await reverse.wait_connected()
         new = await Robot.at(reverse)
         for part in (b"exter", b"nal_control", b" 0123", b"abcd\n"):
-            assert told == [True]
+            assert reported == [True]
             new.writer.write(part)
             await asyncio.sleep(0.01)
         await old.gone()
         reverse.keep_alive()
         assert (await new.words(8))[7] == 0
-        assert told == [True, False, True]
+        assert reported == [True, False, True]
         old.close()
         new.close()
 
@@ -149,26 +149,26 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize("said", SAID)
-async def test_nobody_else_takes_the_place_of_a_robot(said):
+@pytest.mark.parametrize("data", SAID)
+async def test_nobody_else_takes_the_place_of_a_robot(data):
     """Or that of no robot: who knows no token waits, or is sent away."""
     async with ReverseEndpoint(0, HOST) as reverse:
         reverse.token = TOKEN
-        told = []
-        reverse.listeners.append(told.append)
+        reported = []
+        reverse.listeners.append(reported.append)
         strangers = [await Robot.at(reverse) for _ in range(30)]
         for stranger in strangers:
-            stranger.writer.write(said)
+            stranger.writer.write(data)
         robot = await Robot.at(reverse)
         robot.greet()
         await reverse.wait_connected()
         more = [await Robot.at(reverse) for _ in range(3)]
         more[0].close()
         for stranger in more[1:]:
-            stranger.writer.write(said)
+            stranger.writer.write(data)
         reverse.keep_alive()
         assert (await robot.words(8))[7] == 0
-        assert told == [True]
+        assert reported == [True]
         for connection in (*strangers, *more, robot):
             connection.writer.transport.abort()
 

@@ -30,15 +30,15 @@ async def move_again(pair):
 
 async def test_callers_are_told_when_the_program_comes_and_goes(connect):
     async with connect(start=False) as pair:
-        told = []
-        pair.driver.on_program_state(told.append)
+        reported = []
+        pair.driver.on_program_state(reported.append)
         await pair.driver.start_program()
         await pair.driver.stop_program()
-        assert told == [True, False]
+        assert reported == [True, False]
         await pair.until(lambda: pair.program_ended)
         await pair.driver.start_program()
         await pair.driver.start_program()
-        assert told == [True, False, True, False, True]
+        assert reported == [True, False, True, False, True]
 
 
 async def test_leaving_the_context_stops_the_arm_and_the_program(connect):
@@ -82,23 +82,23 @@ async def test_the_program_notices_a_lost_connection_by_itself(pair, lost):
 async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect):
     """It comes by another connection than the end of that program, so it may come while the next one starts."""
     async with connect(start=False) as pair:
-        told = []
-        pair.driver.on_program_state(told.append)
+        reported = []
+        pair.driver.on_program_state(reported.append)
         starting = asyncio.create_task(pair.driver.start_program())
         await asyncio.sleep(0)
         pair.driver.program._on_text(GONE_TEXT)
         await starting
         await pair.periods(20)
-        assert told == [True]
+        assert reported == [True]
         assert not pair.driver.loss_reason
 
 
 async def test_two_who_start_the_program_get_one(connect):
     async with connect(start=False) as pair:
-        told = []
-        pair.driver.on_program_state(told.append)
+        reported = []
+        pair.driver.on_program_state(reported.append)
         await asyncio.gather(pair.driver.start_program(), pair.driver.start_program())
-        assert told == [True]
+        assert reported == [True]
 
 
 @pytest.mark.parametrize("send", ["servoj", "speedj"])
@@ -144,20 +144,20 @@ async def test_a_program_that_reaches_one_port_only_is_ended(connect):
 @pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
 async def test_port_scans_in_motion_change_nothing(pair):
     """From the robot's address, on every port: connections that end at once, are silent, or speak something else."""
-    told = []
-    pair.driver.on_program_state(told.append)
+    reported = []
+    pair.driver.on_program_state(reported.append)
     await pair.driver.start_trajectory([points.movej([HOME[0] + 0.6, *HOME[1:]], v=0.5)])
     await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
     kept = []
-    for said in (b"", b"\0" * 200, b"GET / HTTP/1.0\r\n\r\n", GREETING + b"guessed\n"):
+    for data in (b"", b"\0" * 200, b"GET / HTTP/1.0\r\n\r\n", GREETING + b"guessed\n"):
         for endpoint in (pair.driver.trajectory, pair.driver.commands, pair.driver.reverse, pair.driver.sender) * 3:
             _, writer = await asyncio.open_connection(HOST, endpoint.port)
-            writer.write(said)
+            writer.write(data)
             kept.append(writer)
             (await asyncio.open_connection(HOST, endpoint.port))[1].close()
     assert await pair.driver.trajectory_result(PATIENCE_S) is TrajectoryResult.SUCCESS
     assert pair.driver.program_running
-    assert told == []
+    assert reported == []
     for writer in kept:
         writer.transport.abort()
 

@@ -74,11 +74,11 @@ def test_a_signal_finishes_the_file(emulator, tmp_path: Path, suffix: str, numbe
     with running("record", str(file), "--robot-ip", emulator.host) as process:
         call("record", str(tmp_path / "while.csv"), "--duration", "0.2", "--robot-ip", emulator.host)
         process.send_signal(number)
-        said, _ = process.communicate(timeout=PATIENCE_S)
+        output, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0
     recording = read(file)
     assert "cut_off" not in recording.info
-    assert said == f"{file}: {len(recording)} states\n"
+    assert output == f"{file}: {len(recording)} states\n"
     assert len(recording) >= 100
     steps = np.diff(recording["timestamp"])
     assert np.median(steps) == pytest.approx(0.002)  # a busy machine may lose some on the way
@@ -97,12 +97,12 @@ def test_ctrl_c_stops_the_arm_softly_and_finishes_the_recording(emulator, tmp_pa
     try:
         emulator.control.run_until("actual_qd[0] > 0.04", PATIENCE_S)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=PATIENCE_S)
+        _, output = process.communicate(timeout=PATIENCE_S)
     finally:
         process.kill()
         process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
-    assert b"stopped" in said
+    assert b"stopped" in output
     found = read(file)
     assert "cut_off" not in found.info
     speeds = found["target_qd"][:, 0]

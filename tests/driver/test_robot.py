@@ -307,13 +307,13 @@ async def test_what_is_set_in_a_protective_stop(lab):
 
 
 async def test_a_protective_stop_is_the_reason_why_nothing_takes_effect(lab, monkeypatch):
-    async def say_nothing(_: str) -> None:
+    async def ignore(_: str) -> None:
         return
 
     await lab.driver.robot.send_script(STOP_IT)
     await lab.until(lambda: lab.driver.protective_stopped)
     monkeypatch.setattr("client.robot.settings._EFFECT_S", 0.1)
-    monkeypatch.setattr(lab.driver.robot, "send_script", say_nothing)
+    monkeypatch.setattr(lab.driver.robot, "send_script", ignore)
     for setting in (lab.arm.set_tcp([0, 0, 0.07, 0, 0, 0]), lab.arm.set_digital_out(1, True)):
         with pytest.raises(ProtectiveStopError, match=r"PROTECTIVE_STOP, C\d+A\d+"):
             await setting
@@ -628,10 +628,10 @@ async def test_the_speed_slider(lab):
 
 
 async def test_a_setting_without_effect_is_no_success(lab, monkeypatch):
-    async def say_nothing(_: str) -> None:
+    async def ignore(_: str) -> None:
         return
 
     monkeypatch.setattr("client.robot.settings._EFFECT_S", 0.1)
-    monkeypatch.setattr(lab.driver.robot, "send_script", say_nothing)
+    monkeypatch.setattr(lab.driver.robot, "send_script", ignore)
     with pytest.raises(RobotRefused, match="digital output 1"):
         await lab.arm.set_digital_out(1, True)

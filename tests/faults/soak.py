@@ -328,7 +328,7 @@ class _Errors(logging.Handler):
         self._errors.append(self.format(record))
 
 
-async def soak(model: str, minutes: int, seed: int, seconds: float = 60.0, tell: Callable[[str], None] = str) -> Soak:
+async def soak(model: str, minutes: int, seed: int, seconds: float = 60.0, log: Callable[[str], None] = str) -> Soak:
     """Run minutes of robot time. Raises AssertionError if something is not as before."""
     async with Robot(model) as robot:
         robot.emulator.faults.site.rate = RealClock(robot.period_s)  # drives nothing, but late ticks need real time
@@ -344,7 +344,7 @@ async def soak(model: str, minutes: int, seed: int, seconds: float = 60.0, tell:
                 different = {name: (before[name], now[name]) for name in now if now[name] != before[name]}
                 assert not different, f"minute {minute + 1}: {different}"
                 assert not run.errors, f"minute {minute + 1}: {run.errors}"
-                tell(f"minute {minute + 1}: {run.memory_kB[-1]} kB, {run.objects[-1]} objects, {run.connected} clients")
+                log(f"minute {minute + 1}: {run.memory_kB[-1]} kB, {run.objects[-1]} objects, {run.connected} clients")
         finally:
             logging.getLogger().removeHandler(handler)
         return run
@@ -358,7 +358,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     began = time.monotonic()
-    run = asyncio.run(soak(options.model, options.minutes, options.seed, tell=print))
+    run = asyncio.run(soak(options.model, options.minutes, options.seed, log=print))
     print(f"{options.minutes} min of robot time in {time.monotonic() - began:.0f} s")
     print(f"{run.connected} clients, {run.received / 1e6:.1f} MB received")
     print("strikes:", ", ".join(f"{kind} {count}" for kind, count in sorted(run.struck.items())))

@@ -20,7 +20,7 @@ from costs import (
 
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.servers.read_budget import SHARE, ReadBudget
-from tests.budget import some
+from tests.budget import subset
 from urproto.dashboard import LineDecoder
 from urproto.interpreter import StatementDecoder
 from urproto.modbus import FrameDecoder
@@ -144,7 +144,7 @@ def test_replaced_programs_are_freed_in_steps(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.timeout(0 if RANDOM_COSTS_COUNT else 120)
-@pytest.mark.parametrize("name", some(SOURCES, now=TIMED))
+@pytest.mark.parametrize("name", subset(SOURCES, now=TIMED))
 def test_compiling_a_long_text_uses_at_most_half_the_period(name: str) -> None:
     bound_s = CROWDED * HALF_S["ur3"] * slowness()
     if RANDOM_COSTS_COUNT and name == "threads":

@@ -46,7 +46,7 @@ class Case:
     model: str
     start: tuple[float, ...]
     programs: tuple[tuple[str, ...], ...]
-    hands: tuple[tuple[float, str, float], ...] = ()
+    touches: tuple[tuple[float, str, float], ...] = ()
     patience_s: float = 0.3
 
     @property
@@ -262,14 +262,14 @@ class Run:
     def go(self) -> Outcome:
         controller, series = self.controller, self.model.series
         count = round(ROBOT_TIME_S[series] / series.period_s)
-        hands = {round(share * count): (what, value) for share, what, value in self.case.hands}
+        touches = {round(share * count): (what, value) for share, what, value in self.case.touches}
         waiting = self.case.texts
         since = 0
         for period in range(count):
             if controller.safety.mode in HARD_SAFETY:
                 break
-            if period in hands:
-                self._touch(*hands[period])
+            if period in touches:
+                self._touch(*touches[period])
             if self._stopped_for_s > self.case.patience_s:
                 self._recover()
             if period > since and controller.programs.state is RuntimeState.STOPPED:
@@ -345,7 +345,7 @@ class Run:
             abs(a - b) / (dt * m) for a, b, m in zip(rates, self._rates, model.qdd_max, strict=True)
         )
         if largest_acceleration > 1.0 + 1e-2:
-            self.outcome.largest_acceleration.append((largest_acceleration, self.period, self._doing()))
+            self.outcome.largest_acceleration.append((largest_acceleration, self.period, self._activity()))
         deviating = self.controller.motion.deviating or self._was_deviating
         assert largest_acceleration <= (MAX_COMBINED if deviating else MAX_ACCELERATION), self._at(
             f"a joint does {largest_acceleration:.2f} times qdd_max"
@@ -402,16 +402,16 @@ class Run:
                 assert "internal error" not in message.text, self._at(message.text)
                 self.outcome.faults.append(message.text)
 
-    def _doing(self) -> str:
+    def _activity(self) -> str:
         motion = self.controller.motion
         line, lines = self.controller.programs.line, self.case.programs[max(self.running, 0)]
         added = "+compliance" * (motion.control_mode is not ControlMode.POSITION)
         text = lines[line - 2] if 2 <= line <= len(lines) + 1 else ""
-        doing = type(motion.movement.generator).__name__
-        return f"{doing}{added} {motion.fault and motion.fault.code} line {line} {text}"
+        generator = type(motion.movement.generator).__name__
+        return f"{generator}{added} {motion.fault and motion.fault.code} line {line} {text}"
 
     def _at(self, what: str) -> str:
-        return f"{what}; {self.case.model}, period {self.period}, {self._doing()}\n{self.case}"
+        return f"{what}; {self.case.model}, period {self.period}, {self._activity()}\n{self.case}"
 
 
 class _Errors(logging.Handler):

@@ -100,11 +100,11 @@ def test_an_offset_can_be_undone_and_read_in_every_frame(path, offset, frame, sh
     there = source.apply(path)
     assert same(source.undo(there), path)
     for other in OffsetFrame:
-        twin = PathOffset(OffsetSettings(translation_limit=9.0, rotation_limit=9.0))
-        twin.step(0.002, path, shift, None)
-        twin.set(source.get(other), other)
-        twin.step(0.002, path, shift, None)
-        assert same(twin.apply(path), there)
+        reference = PathOffset(OffsetSettings(translation_limit=9.0, rotation_limit=9.0))
+        reference.step(0.002, path, shift, None)
+        reference.set(source.get(other), other)
+        reference.step(0.002, path, shift, None)
+        assert same(reference.apply(path), there)
 
 
 def same(a, b):

@@ -205,7 +205,7 @@ def open_page(rig: Rig, browser: Browser, user_context: BrowserContext) -> Itera
         page = context.new_page()
         errors = list[str]()
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda said: errors.append(said.text) if POLICY in said.text else None)
+        page.on("console", lambda message: errors.append(message.text) if POLICY in message.text else None)
         stack.append((page if context is user_context else context, errors))
         page.goto(f"{rig.url}/{screen}")
         expect(page.locator(".robot-name")).to_contain_text("UR3")

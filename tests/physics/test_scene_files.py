@@ -16,7 +16,7 @@ MJCF = """<mujoco><worldbody>
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (f"objects: {{a: {{{PART}, mass: 0}}}}", "a: Expected float > 0.0 - at $.mass"),
         (f"objects: {{a: {{{PART}, mass: heavy}}}}", "a: Expected float | null, got str"),
@@ -54,11 +54,11 @@ MJCF = """<mujoco><worldbody>
         ("cameras: {c: {pose: [0, 0, 1], at: [0, 0, 1]}}", "at is the camera's own position"),
     ],
 )
-def test_an_invalid_scene_is_a_one_line_error(tmp_path, text, says):
+def test_an_invalid_scene_is_a_one_line_error(tmp_path, text, message):
     (scene := tmp_path / "bad.yaml").write_text(text)
     with pytest.raises(ConfigError) as refused:
         controller_config("ur5", world=scene, physics=True)
-    assert says in str(refused.value)
+    assert message in str(refused.value)
     assert "\n" not in str(refused.value)
 
 

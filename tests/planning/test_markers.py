@@ -28,20 +28,20 @@ def test_a_plan_is_drawn_with_its_surroundings(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, order)
     assert done.exit_code == 0, done.output
     plan = json.loads(done.stdout)
-    heard: dict[str, list[Any]] = {}
+    received: dict[str, list[Any]] = {}
     with file.open("rb") as stream:
         for _, channel, _, message in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            heard.setdefault(channel.topic, []).append(message)
-    first, *later = heard["/planning_scene"]
+            received.setdefault(channel.topic, []).append(message)
+    first, *later = received["/planning_scene"]
     drawn = {marker.ns: marker for marker in first.markers}
     assert {name: marker.type for name, marker in drawn.items()} == {"post": 1, "ball": 2, "tool": 3}
     assert drawn["post"].header.frame_id == "base"
     assert (drawn["post"].scale.z, drawn["post"].pose.position.x) == (1.0, -0.5)
     assert drawn["ball"].scale.x == pytest.approx(0.2)
     arm = kinematics_of(load_model("ur5e"))
-    (line,) = heard["/planned_path"][0].markers
+    (line,) = received["/planned_path"][0].markers
     assert line.type == 4
-    assert len(line.points) == len(plan["positions"]) == len(heard["/joint_states"])
+    assert len(line.points) == len(plan["positions"]) == len(received["/joint_states"])
     last = arm.forward(plan["positions"][-1])
     assert (line.points[-1].x, line.points[-1].y, line.points[-1].z) == pytest.approx(last[:3])
     tool = later[-1].markers[0]  # it moved with the arm

@@ -99,7 +99,7 @@ def test_without_an_installation_nothing_happens(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "says"),
+    ("name", "content", "note"),
     [
         ("gone.urp", b"", "the default program gone.urp of default.installation is not in the programs folder"),
         ("../outside.urp", b"", "the default program ../outside.urp of default.installation is not in the programs"),
@@ -107,14 +107,14 @@ def test_without_an_installation_nothing_happens(tmp_path):
         ("bad.txt", b"hello", "loading the default program bad.txt failed: bad.txt is not a program"),
     ],
 )
-def test_an_unloadable_default_program_is_logged(tmp_path, name, content, says):
+def test_an_unloadable_default_program_is_logged(tmp_path, name, content, note):
     folder = tmp_path / "programs"
     folder.mkdir()
     (tmp_path / "outside.urp").write_bytes(b"?")
     if content:
         (folder / name).write_bytes(content)
     box = Box(folder, "ur5e", settings(name))
-    assert [says in line for line in box.controller.messages.history].count(True) == 1
+    assert [note in line for line in box.controller.messages.history].count(True) == 1
     assert len(box.controller.messages.history) == 1
     assert box.loaded == NONE
     assert box.controller.installation.tcp[2] == 0.1

@@ -147,13 +147,13 @@ def test_the_tcp_of_a_move_and_of_a_set(arm):
     tcps = '<tcp name="TCP" offset="0, 0, 0.1, 0, 0, 0"/><tcp name="Long" offset="0, 0, 0.02, 0, 0, 0"/>'
     (arm.folder / "cell.installation").write_text(installation(tcps=tcps))
     long = tag("tcp", referencedName="Long")
-    tell = line('textmsg("", get_tcp_offset()[2])')
+    report = line('textmsg("", get_tcp_offset()[2])')
     arm.play(
-        tell,
+        report,
         move(waypoint(ASIDE), tcp=long),
-        tell,
+        report,
         tag("Set", tag("tcp", referencedName="TCP"), type="NoAction"),
-        tell,
+        report,
         installation="cell",
     )
     assert arm.texts == ["0.1", "0.02", "0.1"]

@@ -47,10 +47,10 @@ def test_expressions_of_characters_tokens_variables_and_inputs(arm):
     one = tag("ExpressionChar", character="1")
     condition = tag("expression", variable, equal, one, token, io, equal, one)
     both = tag("Assignment", tag("variable", name="both"), condition, valueSource="Expression")
-    tell = line('textmsg("both ", both)')
-    arm.play(assign("count", "1"), both, tell)
+    report = line('textmsg("both ", both)')
+    arm.play(assign("count", "1"), both, report)
     arm.controller.signals.set_digital_input(STANDARD, 2, True)
-    arm.play(assign("count", "1"), both, tell, assign("count", "2"), both, tell)
+    arm.play(assign("count", "1"), both, report, assign("count", "2"), both, report)
     assert arm.texts == ["both False", "both True", "both False"]
 
 
@@ -302,8 +302,8 @@ def test_timers_run_while_started(arm):
     def timer(action):
         return tag("Timer", tag("variable", name="t_1"), action=action)
 
-    tell = line('textmsg("", t_1)')
-    arm.play(timer("Start"), sleep(1.0), timer("Stop"), sleep(1.0), tell, timer("Reset"), tell)
+    report = line('textmsg("", t_1)')
+    arm.play(timer("Start"), sleep(1.0), timer("Stop"), sleep(1.0), report, timer("Reset"), report)
     assert [float(text) for text in arm.texts] == pytest.approx([1.0, 0.0], abs=0.02)
 
 

@@ -13,10 +13,10 @@ from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 from script_client import ScriptClient
 
-from tests.budget import some
+from tests.budget import subset
 from urproto.robots import START_Q as URSIM_START_Q
 
-both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
+both_series = pytest.mark.parametrize("rig", subset(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 
 POWER_OFF, IDLE, RUNNING = 3, 5, 7  # robot modes
 NEAR_Q = [START_Q[0] + 0.2, *START_Q[1:]]

@@ -9,7 +9,7 @@ from rig import JOINTS, START_Q, Rig
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
-from tests.budget import some
+from tests.budget import subset
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
 
@@ -22,7 +22,7 @@ LIMITS = [0.05, 0.05, 0.05, 0.2, 0.2, 0.2]
 BELOW_M = 0.03
 STIFFNESS = 10_000.0
 CONTACT_N = 20.0  # the emulator's contact threshold
-both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
+both_series = pytest.mark.parametrize("rig", subset(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 e_series = pytest.mark.parametrize("rig", ["ur3e"], indirect=True)  # ur_rtde's script leaves these out on CB3
 
 

@@ -8,11 +8,11 @@ from rig import START_Q, Rig
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
-from tests.budget import some
+from tests.budget import subset
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
 
-dynamic = pytest.mark.parametrize("rig", some(["ur3 dynamic", "ur5e dynamic"], now=["ur3 dynamic"]), indirect=True)
+dynamic = pytest.mark.parametrize("rig", subset(["ur3 dynamic", "ur5e dynamic"], now=["ur3 dynamic"]), indirect=True)
 
 SETTLING_S = 0.5
 JOINT_RAD = 1e-3

@@ -8,9 +8,9 @@ from raw_rtde import ForceSensor, Sample
 from rig import START_Q, Rig
 from rtde_control import RTDEControlInterface
 
-from tests.budget import some
+from tests.budget import subset
 
-both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
+both_series = pytest.mark.parametrize("rig", subset(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 e_series = pytest.mark.parametrize("rig", ["ur3e"], indirect=True)  # ur_rtde's script leaves these out on CB3
 
 BASE = [0.0] * 6

@@ -6,9 +6,9 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
-from tests.budget import some
+from tests.budget import subset
 
-both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
+both_series = pytest.mark.parametrize("rig", subset(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 
 
 @both_series

@@ -9,11 +9,11 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 from track import profile_time
 
-from tests.budget import some
+from tests.budget import subset
 
 pytestmark = pytest.mark.robot_speed(4)
 
-both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
+both_series = pytest.mark.parametrize("rig", subset(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 
 TIME_S = 0.03  # the watch sees 125 Hz; profiles are rounded to whole control periods
 JOINT_RAD = 1e-5

@@ -8,9 +8,9 @@ from rig import START_Q, Rig
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
-from tests.budget import some
+from tests.budget import subset
 
-both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
+both_series = pytest.mark.parametrize("rig", subset(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 
 OTHER_Q = [-0.7, -1.1, 1.2, -0.6, 1.3, 0.4]
 TOOL = [0.01, -0.02, 0.12, 0.1, 0.2, -0.3]

@@ -9,9 +9,9 @@ from rig import START_Q, Rig, Watch
 from rtde_control import RTDEControlInterface
 from track import Track
 
-from tests.budget import some
+from tests.budget import subset
 
-both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
+both_series = pytest.mark.parametrize("rig", subset(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 
 TIME_S = 0.03
 

@@ -7,11 +7,11 @@ from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 from track import profile_time
 
-from tests.budget import some
+from tests.budget import subset
 
 pytestmark = pytest.mark.robot_speed(4)
 
-both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
+both_series = pytest.mark.parametrize("rig", subset(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 
 UNLOCK_AFTER_S = 5.0
 FAR_Q = [START_Q[0] + 1.2, *START_Q[1:]]

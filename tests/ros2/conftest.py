@@ -12,8 +12,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # every field's type is checked, as always in Humble
 
 from driver_rig import HOME, driver_options, emulator
+from ros2_requests import SUCCEEDED, TRIGGER, follow, only, q
 from ros2_rig import SCALED, Lab, laboratory
-from ros2_talk import SUCCEEDED, TRIGGER, follow, only, q
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")

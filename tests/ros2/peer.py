@@ -61,7 +61,7 @@ class Peer:
         self.node = Node("peer")
         self.clients = {}
         self.goals = {}
-        self.heard = {}
+        self.subscriptions = {}
 
     def wait(self, future):
         rclpy.spin_until_future_complete(self.node, future, timeout_sec=PATIENCE_S)
@@ -103,7 +103,7 @@ class Peer:
             "status": answer.status,
             "result": plain(answer.result),
             "feedback": feedback[-1:],
-            "told": len(feedback),
+            "feedback_messages": len(feedback),
         }
 
     def cancel(self, order):
@@ -112,12 +112,12 @@ class Peer:
 
     def echo(self, order):
         key, kind = order["echo"], interface(order["type"])
-        if key not in self.heard:
+        if key not in self.subscriptions:
             durability = DurabilityPolicy.TRANSIENT_LOCAL if order.get("latched") else DurabilityPolicy.VOLATILE
             quality = QoSProfile(depth=10, durability=durability)
             messages = []
-            self.heard[key] = messages, self.node.create_subscription(kind, key, messages.append, quality)
-        messages, _ = self.heard[key]
+            self.subscriptions[key] = messages, self.node.create_subscription(kind, key, messages.append, quality)
+        messages, _ = self.subscriptions[key]
         messages.clear() if order.get("new") else None
         end_s = time.monotonic() + PATIENCE_S
         while not messages and time.monotonic() < end_s:

@@ -17,7 +17,7 @@ from client import AsyncRobot
 from client.ros2.dashboard import SERVICES, DashboardNode
 from client.ros2.host import NodeHost
 from emulator.lifecycle.safety import SafetyEvent
-from tests.budget import some
+from tests.budget import subset
 from urproto.dashboard import GREETING, encode_line
 from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 
@@ -28,7 +28,7 @@ INSTALLATION = (
     b'<Installation><TCPSettings activePose="TCP" toolPayload="0.5"><availablePoses>'
     b'<tcp name="TCP" offset="0, 0, 0.2, 0, 0, 0"/></availablePoses></TCPSettings></Installation>'
 )
-BOTH = pytest.mark.parametrize("model", some(["ur3", "ur5e"], now=["ur3"]))
+BOTH = pytest.mark.parametrize("model", subset(["ur3", "ur5e"], now=["ur3"]))
 
 
 class Dashboard:

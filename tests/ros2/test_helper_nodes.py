@@ -18,7 +18,7 @@ from client.ros2.urscript_interface import URScriptNode
 from emulator.app import Emulator
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
-from tests.budget import some
+from tests.budget import subset
 from urproto.compat_asyncio import timeout
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 
@@ -77,7 +77,7 @@ async def bench_of(robot: Emulator, node_type: Any, *ros_arguments: str, **optio
                     await asyncio.to_thread(node.close)
 
 
-@pytest.mark.parametrize("model", some(["ur3", "ur5e"], now=["ur3"]))
+@pytest.mark.parametrize("model", subset(["ur3", "ur5e"], now=["ur3"]))
 async def test_modes(model: str) -> None:
     async with emulator(model, speed=SPEED) as robot, bench_of(robot, StateHelperNode) as bench:
         controller = robot.controller
@@ -85,8 +85,8 @@ async def test_modes(model: str) -> None:
         assert answer["status"] == SUCCEEDED, answer
         assert bench.arm.driver.robot.robot_mode is RobotMode.POWER_OFF
 
-        told = {"current_robot_mode": int(RobotMode.IDLE), "current_safety_mode": int(SafetyMode.NORMAL)}
-        answer = await bench.set_mode(RobotMode.IDLE, last=told)
+        mode = {"current_robot_mode": int(RobotMode.IDLE), "current_safety_mode": int(SafetyMode.NORMAL)}
+        answer = await bench.set_mode(RobotMode.IDLE, last=mode)
         assert answer["status"] == SUCCEEDED, answer
 
         answer = await bench.set_mode(RobotMode.RUNNING, play_program=True)

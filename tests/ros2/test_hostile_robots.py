@@ -48,8 +48,10 @@ async def test_a_robot_that_does_harm_is_an_error_at_most(caplog: Any, monkeypat
             robot.begin(kinds if random.random() < 0.5 else kinds[::-1], seed)
             caplog.clear()
             async with timeout(ENDED_S):
-                said = await _live(robot.host, domain)
-            assert not said or (len(said) >= 20 and "\n" not in said), f"seed {seed}, {kinds}: explains nothing: {said}"
+                error = await _live(robot.host, domain)
+            assert not error or (len(error) >= 20 and "\n" not in error), (
+                f"seed {seed}, {kinds}: explains nothing: {error}"
+            )
             traces = [
                 entry for entry in caplog.records if entry.exc_info and entry.name.startswith(("client", "async"))
             ]

@@ -119,9 +119,9 @@ def test_nothing_is_made_where_nothing_is_missing(tmp_path, monkeypatch):
 
 
 def test_packages_are_made_once_and_found_by_this_process_and_its_children(tmp_path, builder):
-    told = []
-    packages = ensure(lambda part, what: told.append((part, what)), tmp_path / "cache")
-    assert told == [(0.5, "making ur_msgs")]
+    reported = []
+    packages = ensure(lambda part, what: reported.append((part, what)), tmp_path / "cache")
+    assert reported == [(0.5, "making ur_msgs")]
     assert str(python_folder(packages.prefix)) in sys.path
     child = subprocess.run(
         [sys.executable, "-c", "import ur_msgs; print(ur_msgs.VERSION)"], capture_output=True, text=True
@@ -321,10 +321,10 @@ try:
     print(done(service.call_async(SwitchController.Request(activate_controllers=["a", "b"], strictness=2))).ok)
     action = ActionClient(node, FollowJointTrajectory, "follow")
     assert action.wait_for_server(30)
-    heard = []
+    received = []
     goal = FollowJointTrajectory.Goal(trajectory=JointTrajectory(joint_names=["elbow_joint"]))
-    accepted = done(action.send_goal_async(goal, feedback_callback=heard.append))
-    print(done(accepted.get_result_async()).result.error_code, heard[0].feedback.joint_names)
+    accepted = done(action.send_goal_async(goal, feedback_callback=received.append))
+    print(done(accepted.get_result_async()).result.error_code, received[0].feedback.joint_names)
 finally:
     server.kill()
     server.wait()
@@ -350,5 +350,5 @@ def check_hashes(prefix: Path) -> None:
     """What rosidl compiled in, and so what the nodes tell others."""
     for name, digest in published()[message_packages.find_installation().distribution].items():
         package, kind, interface = name.split("/")
-        told = json.loads((prefix / "share" / package / kind / f"{interface}.json").read_text())
-        assert {"type_name": name, "hash_string": digest} in told["type_hashes"]
+        description = json.loads((prefix / "share" / package / kind / f"{interface}.json").read_text())
+        assert {"type_name": name, "hash_string": digest} in description["type_hashes"]

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import pytest_asyncio
 from driver_rig import HOME, driver_options, emulator
+from ros2_requests import mentions, needs
 from ros2_rig import Lab, laboratory
-from ros2_talk import needs, says
 
 from client.planning import Box, CollisionChecker, PlanningScene, Sphere
 from client.ros2.driver import can_plan
@@ -336,9 +336,9 @@ async def test_a_sequence_is_taken(lab: Lab) -> None:
     first, second = (request(pose_goal(q), **linear) for q in (corner, end))
     second.pop("start_state")
     kind = f"{ACTION}/MoveGroupSequence"
-    heard: list[Any] = []
+    states: list[Any] = []
     listeners = lab.driver.robot.driver.robot.on_state
-    listeners.append(watch := lambda state: heard.append(state["actual_q"]))
+    listeners.append(watch := lambda state: states.append(state["actual_q"]))
     try:
         goal = {"request": {"items": [{"req": first, "blend_radius": 0.03}, {"req": second}]}}
         assert (await lab.peer.request(goal="/sequence_move_group", type=kind, request=goal))["accepted"]
@@ -351,7 +351,7 @@ async def test_a_sequence_is_taken(lab: Lab) -> None:
     assert len(response["planned_trajectories"]) == 1
     await rests(lab, points({"trajectory": response["planned_trajectories"][0]})[-1])
     middle = ARM.forward(corner)[:3]
-    assert 0.001 < min(math.dist(ARM.forward(q)[:3], middle) for q in heard) < 0.03
+    assert 0.001 < min(math.dist(ARM.forward(q)[:3], middle) for q in states) < 0.03
     assert (await lab.peer.request(goal="/sequence_move_group", type=kind, request={}))["accepted"]
     assert (await lab.peer.request(result="/sequence_move_group"))["status"] == SUCCEEDED
     goal["request"]["items"][1]["blend_radius"] = 0.1
@@ -417,7 +417,7 @@ async def test_what_cannot_be_planned_has_a_code_and_a_message(lab: Lab, more: A
     assert await put(lab, "table", (0.0, 0.0, -0.2), **table)
     answer = await plan(lab, **more)
     assert answer["error_code"]["val"] == code, answer["error_code"]
-    assert says(answer["error_code"], words)
+    assert mentions(answer["error_code"], words)
     assert answer["error_code"].get("source", "move_group") == "move_group"  # Humble has none
 
 
@@ -508,8 +508,8 @@ async def test_objects_come_move_and_go_on_topics(lab: Lab) -> None:
     monitored = {"echo": "/monitored_planning_scene", "type": f"{MSG}/PlanningScene", "latched": True}
 
     async def ids() -> dict[str, float]:
-        heard = (await lab.peer.request(**monitored))["world"]["collision_objects"]
-        return {one["id"]: one["pose"]["position"]["x"] for one in heard}
+        objects = (await lab.peer.request(**monitored))["world"]["collision_objects"]
+        return {one["id"]: one["pose"]["position"]["x"] for one in objects}
 
     await lab.peer.request(**monitored)
     post = {"id": "post", "header": {"frame_id": "base_link"}, "pose": pose((0.5, 0.0, 0.5)), **POST}
@@ -606,9 +606,9 @@ async def test_the_arm_moves_around_an_obstacle(lab: Lab) -> None:
     own = PlanningScene("ur5e")
     own.add("post", Box((0.1, 0.1, 1.0)), (-0.5, 0.0, 0.5, 0.0, 0.0, 0.0))
     checker = CollisionChecker(own)
-    heard: list[Any] = []
+    states: list[Any] = []
     listeners = lab.driver.robot.driver.robot.on_state
-    listeners.append(watch := lambda state: heard.append(state["actual_q"]))
+    listeners.append(watch := lambda state: states.append(state["actual_q"]))
     try:
         answer = await move(lab)
     finally:
@@ -617,8 +617,8 @@ async def test_the_arm_moves_around_an_obstacle(lab: Lab) -> None:
     assert answer["result"]["error_code"]["val"] == SUCCESS
     assert answer["feedback"] == [{"state": "MONITOR"}]
     await rests(lab, GOAL)
-    assert len(heard) > 100
-    assert min(checker.clearance(q) for q in heard[::10]) > 0.005
+    assert len(states) > 100
+    assert min(checker.clearance(q) for q in states[::10]) > 0.005
     assert (await move(lab))["result"]["error_code"]["val"] == SUCCESS  # it is there
 
 
@@ -635,7 +635,7 @@ async def test_a_plan_is_executed_later_and_stopped(lab: Lab) -> None:
     assert (await lab.peer.request(**order, request={"trajectory": moved["trajectory"]}))["accepted"]
     answer = await lab.peer.request(result="/execute_trajectory")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (ABORTED, -4)
-    assert says(answer["result"]["error_code"], "plan again")
+    assert mentions(answer["result"]["error_code"], "plan again")
 
     slow = await plan(lab, start=stands(lab), max_velocity_scaling_factor=SLOW)
     assert (await lab.peer.request(**order, request={"trajectory": slow["trajectory"]}))["accepted"]
@@ -660,7 +660,7 @@ async def test_a_motion_ends_when_its_path_is_blocked(lab: Lab) -> None:
     assert await put(lab, "post", (0.5, 0.0, 0.5))
     answer = await lab.peer.request(result="/move_action")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (ABORTED, -3), answer["result"]["error_code"]
-    assert says(answer["result"]["error_code"], "post")
+    assert mentions(answer["result"]["error_code"], "post")
     # again, around it
     answer = await move(lab, planning_options={"replan": True, "replan_attempts": 2})
     assert answer["status"] == SUCCEEDED, answer["result"]["error_code"]

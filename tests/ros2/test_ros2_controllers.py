@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 from driver_rig import HOME
+from ros2_requests import BEST_EFFORT, STRICT, SWITCH, TRIGGER, begin, mentions, only, q, states, until
 from ros2_rig import HOST, SCALED, Lab
-from ros2_talk import BEST_EFFORT, STRICT, SWITCH, TRIGGER, begin, only, q, says, states, until
 
 from client.controllers.remote import RemoteManager
 from urproto.compat_asyncio import timeout
@@ -25,7 +25,7 @@ async def test_controllers_are_switched_as_a_whole_or_not_at_all(lab: Lab) -> No
         strictness=STRICT,
     )
     assert not answer["ok"]
-    assert says(answer, "position and velocity")
+    assert mentions(answer, "position and velocity")
     assert (await states(lab))[SCALED] == "active"
     await only(lab, "forward_velocity_controller")
     now = await states(lab)
@@ -44,7 +44,7 @@ async def test_unknown_controllers(lab: Lab) -> None:
     request = {"activate_controllers": ["knee_controller"]}
     answer = await lab.peer.call("/controller_manager/switch_controller", SWITCH, **request, strictness=STRICT)
     assert not answer["ok"]
-    assert says(answer, "knee_controller")
+    assert mentions(answer, "knee_controller")
     answer = await lab.peer.call("/controller_manager/switch_controller", SWITCH, **request, strictness=BEST_EFFORT)
     assert answer["ok"]
     load = "controller_manager_msgs/srv/LoadController"

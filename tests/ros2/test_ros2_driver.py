@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from driver_rig import HOME, driver_options, emulator
+from ros2_requests import SUCCEEDED, TRIGGER, begin, follow, shifted, states, until
 from ros2_rig import PATIENCE_S, SCALED, Lab, laboratory
-from ros2_talk import SUCCEEDED, TRIGGER, begin, follow, shifted, states, until
 
 from client.errors import ClientError
 from client.ros2.host import interface_if_any

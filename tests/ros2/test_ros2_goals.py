@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 from driver_rig import HOME
-from ros2_rig import SCALED, Lab
-from ros2_talk import (
+from ros2_requests import (
     ABORTED,
     CANCELED,
     FOLLOW,
@@ -23,6 +22,7 @@ from ros2_talk import (
     shifted,
     trajectory,
 )
+from ros2_rig import SCALED, Lab
 
 from client.ros2.host import interface_if_any
 from urproto.joints import JOINT_NAMES
@@ -38,7 +38,7 @@ async def test_a_goal_moves_the_arm_and_tells_how_it_goes(lab: Lab) -> None:
     answer = await follow(lab, SCALED, shifted(0.4), 1.5)
     assert (answer["status"], answer["result"]["error_code"]) == (SUCCEEDED, 0)
     assert answer["result"]["error_string"] == "Goal successfully reached!"
-    assert answer["told"] > 5
+    assert answer["feedback_messages"] > 5
     assert answer["feedback"][0]["joint_names"] == list(JOINT_NAMES)
     assert q(lab) == pytest.approx(shifted(0.4), abs=5e-3)
 

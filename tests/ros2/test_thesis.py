@@ -52,7 +52,7 @@ def test_a_student_gets_along_by_ros(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert driver.returncode == INTERRUPTED
     assert "goal 4 of 4 is reached" in done.stdout
-    said = re.search(r"(\d+) states .* by ([0-9.]+) rad", done.stdout)
-    assert said is not None, done.stdout
-    assert int(said[1]) > 50
-    assert 0.0 < float(said[2]) < 1.0  # the arm's lag times its speed; a busy machine's driver lags too
+    result = re.search(r"(\d+) states .* by ([0-9.]+) rad", done.stdout)
+    assert result is not None, done.stdout
+    assert int(result[1]) > 50
+    assert 0.0 < float(result[2]) < 1.0  # the arm's lag times its speed; a busy machine's driver lags too

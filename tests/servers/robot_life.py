@@ -59,7 +59,7 @@ class Life:
         self._client = MemoryClient(self._servers[port])
         self._client_since = self.controller.time_s
         self._scripts = MemoryClient(self._servers["secondary"])
-        self._heard = bytearray()
+        self._received = bytearray()
         self._order: list[Callable[[Life], Episode]] = []
         self._now: Episode = iter(())  # type: ignore[assignment] # nothing yet
 
@@ -73,14 +73,14 @@ class Life:
                 continue
             for _ in range(max(1, round(wait / self.controller.period_s))):
                 self.controller.tick()
-            self._heard += self._client.take()
+            self._received += self._client.take()
             self._scripts.take()
 
     def take(self) -> bytes:
         """Bytes sent to the port's client since the last call."""
-        heard = bytes(self._heard)
-        self._heard.clear()
-        return heard
+        received = bytes(self._received)
+        self._received.clear()
+        return received
 
     # parts of episodes
 

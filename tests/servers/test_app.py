@@ -205,11 +205,11 @@ async def test_a_client_that_does_not_read_does_not_affect_others() -> None:
 
 
 async def test_readiness_names_the_port_that_fails() -> None:
-    async def say(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b"SSH-2.0 hello\n")
         writer.close()
 
-    server = await asyncio.start_server(say, HOST, 0)
+    server = await asyncio.start_server(greet, HOST, 0)
     port = server.sockets[0].getsockname()[1]
     for name, problem in [
         ("dashboard", "the greeting is 'SSH-2.0 hello'"),

@@ -107,12 +107,12 @@ def test_network_access_of_scripts_can_be_disabled(tmp_path: Path) -> None:
         with socket.create_connection(("127.0.0.1", ports["primary"]), timeout=DEADLINE_S) as client:
             port = driver.getsockname()[1]
             client.sendall(f'def prog():\n textmsg("opened ", socket_open("127.0.0.1", {port}))\nend\n'.encode())
-            heard = b""
-            while b"opened " not in heard[:-10]:
+            output = b""
+            while b"opened " not in output[:-10]:
                 received = client.recv(4096)
                 assert received
-                heard += received
-        assert b"opened False" in heard
+                output += received
+        assert b"opened False" in output
 
 
 def test_python_m_next_to_a_decoy_client_module(tmp_path: Path) -> None:

@@ -162,11 +162,11 @@ def test_hooks_turn_clients_away(server: PortServer) -> None:
 
 
 async def test_data_sent_before_a_connection_reset_is_processed() -> None:
-    heard = bytearray()
+    received = bytearray()
 
     class Listening(Connection):
         def received(self, data: bytes) -> None:
-            heard.extend(data)
+            received.extend(data)
 
     class Port(PortServer):
         def connect(self) -> Connection:
@@ -187,4 +187,4 @@ async def test_data_sent_before_a_connection_reset_is_processed() -> None:
             await asyncio.sleep(0)
     finally:
         await server.stop()
-    assert heard == b"the last command"
+    assert received == b"the last command"

@@ -235,11 +235,11 @@ async def test_a_client_that_sends_and_disconnects(emulator: Emulator) -> None:
 async def test_readiness_sends_a_real_request(emulator: Emulator) -> None:
     await check_ready(HOST, {"interpreter": emulator.ports["interpreter"]})
 
-    async def say(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b"Connected: something else\n")
         writer.close()
 
-    other = await asyncio.start_server(say, HOST, 0)
+    other = await asyncio.start_server(greet, HOST, 0)
     port = other.sockets[0].getsockname()[1]
     with pytest.raises(NotReady, match=rf"interpreter port {port}.*not an answer of interpreter mode"):
         await check_ready(HOST, {"interpreter": port})

@@ -30,7 +30,7 @@ def split(data: bytes) -> list[bytes]:
     return messages
 
 
-def heard(script: str) -> list[bytes]:
+def received(script: str) -> list[bytes]:
     """Messages to a primary client of a UR10e within 0.3 s after a script, without the states."""
     config = ControllerConfig(model=load_model("ur10e"), version=PolyscopeVersion(5, 4), running=True)
     controller = Controller(config)
@@ -48,11 +48,11 @@ def heard(script: str) -> list[bytes]:
     [("def silly()\nend\n", "syntax_error_5.4"), ('def silly():\n txtmsg("")\nend\n', "compile_error_5.4")],
 )
 def test_a_program_that_does_not_compile(script: str, name: str) -> None:
-    assert heard(script) == [golden(name)]
+    assert received(script) == [golden(name)]
 
 
 def test_the_end_of_a_program() -> None:
-    started, *end = heard("def silly():\nend\n")
+    started, *end = received("def silly():\nend\n")
     assert b"PROGRAM_XXX_STARTED" in started
     stopped, variables, modbus = split(golden("key_stopped_5.4"))
     assert modbus[4] == 5  # the emulator has no Modbus signals to report

@@ -39,7 +39,7 @@ class Robot:
         for _ in range(round(0.1 * count / self.controller.period_s)):
             self.controller.tick()
 
-    def heard(self, client: MemoryClient) -> list[Any]:
+    def received(self, client: MemoryClient) -> list[Any]:
         """Messages since the last call, none of which is too long or unreadable."""
         data = client.take()
         decoder = PrimaryDecoder(self.controller.version)
@@ -73,21 +73,21 @@ def test_names_are_sent_once_and_values_with_every_state(robot: Robot) -> None:
     client = robot.client()
     robot.start("global n = 0", "while True:", "  n = n + 1", "  sleep(0.1)", "end")
     robot.cycles(5)
-    heard = robot.heard(client)
-    (names,) = of_kind(heard, GlobalVariableNames)
+    received = robot.received(client)
+    (names,) = of_kind(received, GlobalVariableNames)
     assert names.names == ("n",)
-    values = of_kind(heard, GlobalVariableValues)
+    values = of_kind(received, GlobalVariableValues)
     assert [update.values[0] for update in values] == sorted({update.values[0] for update in values})
-    assert len(values) == len(of_kind(heard, RobotStateData))
-    assert heard.index(names) < heard.index(values[0])
-    first = heard.index(values[0])
-    assert isinstance(heard[first + 1], RobotStateData)
+    assert len(values) == len(of_kind(received, RobotStateData))
+    assert received.index(names) < received.index(values[0])
+    first = received.index(values[0])
+    assert isinstance(received[first + 1], RobotStateData)
 
 
 def test_an_idle_robot_sends_no_program_reports(robot: Robot) -> None:
     client = robot.client()
     robot.cycles(3)
-    assert {type(message) for message in robot.heard(client)[1:]} == {RobotStateData}
+    assert {type(message) for message in robot.received(client)[1:]} == {RobotStateData}
 
 
 def test_a_short_program_is_reported_once_after_its_end(robot: Robot) -> None:
@@ -95,21 +95,21 @@ def test_a_short_program_is_reported_once_after_its_end(robot: Robot) -> None:
     state."""
     client = robot.client()
     robot.cycles()
-    robot.heard(client)
+    robot.received(client)
     robot.start("textmsg(1)")
     robot.cycles(4)
-    heard = [message for message in robot.heard(client) if not isinstance(message, RobotStateData)]
-    assert [type(message) for message in heard[-2:]] == [KeyMessage, GlobalVariableValues]
-    assert heard[-2].title == "PROGRAM_XXX_STOPPED"
-    assert heard[-1].values == ()
-    assert not of_kind(heard, GlobalVariableNames)
+    received = [message for message in robot.received(client) if not isinstance(message, RobotStateData)]
+    assert [type(message) for message in received[-2:]] == [KeyMessage, GlobalVariableValues]
+    assert received[-2].title == "PROGRAM_XXX_STOPPED"
+    assert received[-1].values == ()
+    assert not of_kind(received, GlobalVariableNames)
 
 
 def test_the_last_values_are_those_at_the_end(robot: Robot) -> None:
     client = robot.client()
     robot.start("global n = 1", "sleep(0.25)", "n = 7")
     robot.cycles(6)
-    values = of_kind(robot.heard(client), GlobalVariableValues)
+    values = of_kind(robot.received(client), GlobalVariableValues)
     assert [update.values for update in values] == [(1,), (1,), (7,)]
 
 
@@ -132,7 +132,7 @@ def test_every_type_of_value_is_reported(robot: Robot, text: str, value: Any) ->
     client = robot.client()
     robot.start(f"global x = {text}", "sleep(0.3)")
     robot.cycles(2)
-    assert of_kind(robot.heard(client), GlobalVariableValues)[0].values == (value,)
+    assert of_kind(robot.received(client), GlobalVariableValues)[0].values == (value,)
 
 
 def test_a_version_without_matrices_reports_lists(make_robot: Callable[..., Robot]) -> None:
@@ -140,14 +140,14 @@ def test_a_version_without_matrices_reports_lists(make_robot: Callable[..., Robo
     client = robot.client()
     robot.start("global x = [[1, 2], [3, 4]]", "global y = 1", "sleep(0.3)")
     robot.cycles(2)
-    assert of_kind(robot.heard(client), GlobalVariableValues)[0].values == (((1, 2), (3, 4)), 1)
+    assert of_kind(robot.received(client), GlobalVariableValues)[0].values == (((1, 2), (3, 4)), 1)
 
 
 def test_a_variable_without_a_value_is_none(robot: Robot) -> None:
     client = robot.client()
     robot.start("sleep(0.3)", "global later = 1")
     robot.cycles(2)
-    assert of_kind(robot.heard(client), GlobalVariableValues)[0].values == (None,)
+    assert of_kind(robot.received(client), GlobalVariableValues)[0].values == (None,)
 
 
 def test_many_variables_are_split_into_messages_of_legal_size(robot: Robot) -> None:
@@ -155,13 +155,13 @@ def test_many_variables_are_split_into_messages_of_legal_size(robot: Robot) -> N
     count = 900
     robot.start(*(f"global variable_number_{n} = {n}" for n in range(count)), "sleep(2)")
     robot.cycles(12)
-    heard = robot.heard(client)
+    received = robot.received(client)
     names: dict[int, str] = {}
-    for message in of_kind(heard, GlobalVariableNames):
+    for message in of_kind(received, GlobalVariableNames):
         names |= dict(enumerate(message.names, message.start_index))
     assert list(names.values()) == [f"variable_number_{n}" for n in range(count)]
     values: dict[int, Any] = {}
-    for message in of_kind(heard, GlobalVariableValues):
+    for message in of_kind(received, GlobalVariableValues):
         values |= dict(enumerate(message.values, message.start_index))
     assert values == dict(enumerate(range(count)))
 
@@ -180,7 +180,7 @@ def test_values_too_large_for_a_message_are_truncated(robot: Robot) -> None:
     )
     robot.cycles(12)
     values: dict[int, Any] = {}
-    for message in of_kind(robot.heard(client), GlobalVariableValues):
+    for message in of_kind(robot.received(client), GlobalVariableValues):
         values |= dict(enumerate(message.values, message.start_index))
     assert set(values[0]) == {1.5}
     assert 300 < len(values[0]) < 400
@@ -202,11 +202,11 @@ def test_a_late_client_receives_the_names(robot: Robot) -> None:
     early = robot.client()
     robot.start("global n = 4", "sleep(2)")
     robot.cycles(2)
-    robot.heard(early)
+    robot.received(early)
     late = robot.client()
     robot.cycles(2)
-    assert of_kind(robot.heard(late), GlobalVariableNames)[0].names == ("n",)
-    assert of_kind(robot.heard(early), GlobalVariableNames) == []
+    assert of_kind(robot.received(late), GlobalVariableNames)[0].names == ("n",)
+    assert of_kind(robot.received(early), GlobalVariableNames) == []
 
 
 def test_a_program_that_ended_without_clients_is_not_reported(robot: Robot) -> None:
@@ -214,7 +214,7 @@ def test_a_program_that_ended_without_clients_is_not_reported(robot: Robot) -> N
     robot.cycles(2)
     client = robot.client()
     robot.cycles(2)
-    assert {type(message) for message in robot.heard(client)[1:]} == {RobotStateData}
+    assert {type(message) for message in robot.received(client)[1:]} == {RobotStateData}
 
 
 def test_the_next_program_reports_new_names(robot: Robot) -> None:
@@ -223,14 +223,14 @@ def test_the_next_program_reports_new_names(robot: Robot) -> None:
     robot.cycles(4)
     robot.start("global b = 2", "sleep(0.2)")
     robot.cycles(4)
-    assert [message.names for message in of_kind(robot.heard(client), GlobalVariableNames)] == [("a",), ("b",)]
+    assert [message.names for message in of_kind(robot.received(client), GlobalVariableNames)] == [("a",), ("b",)]
 
 
 def test_only_primary_ports_report_programs(robot: Robot) -> None:
     clients = {name: robot.client(name) for name, server in robot.servers.items() if isinstance(server, PrimaryServer)}
     robot.start("global n = 1", "sleep(1)")
     robot.cycles(3)
-    reported = {name for name, client in clients.items() if of_kind(robot.heard(client), GlobalVariableValues)}
+    reported = {name for name, client in clients.items() if of_kind(robot.received(client), GlobalVariableValues)}
     assert reported == {"primary", "primary read-only"}
 
 
@@ -249,7 +249,7 @@ def test_labels_show_the_position_of_each_thread(robot: Robot) -> None:
         "sleep(0.3)",
     )
     robot.cycles(8)
-    threads = [message.threads for message in of_kind(robot.heard(client), ProgramThreadsMessage)]
+    threads = [message.threads for message in of_kind(robot.received(client), ProgramThreadsMessage)]
     watching = ProgramThread(5, "Watching", "watch")
     assert threads[0] == (ProgramThread(2, "MoveJ", "prog"), watching)
     assert threads[-2] == (ProgramThread(3, "Wait", "prog"), watching)
@@ -260,7 +260,7 @@ def test_a_program_without_labels_reports_no_threads(robot: Robot) -> None:
     client = robot.client()
     robot.start("global n = 1", "sleep(0.3)")
     robot.cycles(3)
-    assert of_kind(robot.heard(client), ProgramThreadsMessage) == []
+    assert of_kind(robot.received(client), ProgramThreadsMessage) == []
 
 
 def test_a_client_that_does_not_read_loses_values_but_not_its_connection(robot: Robot) -> None:

@@ -194,14 +194,14 @@ def test_robot_clients_are_accepted(
     ports: tuple[FakeController, dict[str, PortServer]], port: str, data: bytes, chunk: int
 ) -> None:
     _, servers = ports
-    heard = bytearray()
+    received = bytearray()
     client = MemoryClient(servers[port])
-    client.connection.received = heard.extend  # type: ignore[method-assign]
+    client.connection.received = received.extend  # type: ignore[method-assign]
     client.feed(data, chunk)
     assert client.connected
     client.end()
     client.vanish()
-    assert heard == data
+    assert received == data
 
 
 @given(address=st.integers(0, 0xFFFF), count=st.integers(1, 125), crc=st.binary(min_size=2, max_size=2))

@@ -134,25 +134,25 @@ async def test_a_client_that_does_not_read_blocks_only_its_own_connection():
 async def test_a_port_without_a_robot_is_closed_and_reported_once():
     with socket.create_server((HOST, 0)) as placeholder:
         gone = placeholder.getsockname()[1]
-    told: list[str] = []
+    reports: list[str] = []
     async with serving(echo_until_end) as there:
         routes = [Route("there", 1, HOST, 0, HOST, there), Route("gone", 2, HOST, gone, HOST, gone)]
-        async with Proxy(routes, None, told.append) as proxy:
+        async with Proxy(routes, None, reports.append) as proxy:
             assert list(proxy.ports) == ["there"]
             with pytest.raises(ConnectionRefusedError):
                 await asyncio.open_connection(HOST, gone)
-    assert told == [f"gone: {HOST}:{gone} does not accept connections (Connection refused); closed here as well"]
+    assert reports == [f"gone: {HOST}:{gone} does not accept connections (Connection refused); closed here as well"]
     with pytest.raises(RobotUnreachableError):
-        async with Proxy([Route("gone", 2, HOST, 0, HOST, gone)], None, told.append):
+        async with Proxy([Route("gone", 2, HOST, 0, HOST, gone)], None, reports.append):
             pass
 
 
 async def test_a_robot_that_disappears_while_the_proxy_runs():
-    told: list[str] = []
+    reports: list[str] = []
     async with contextlib.AsyncExitStack() as running:
         async with serving(echo_until_end) as target:
             route = Route("one", 29999, HOST, 0, HOST, target)
-            proxy = await running.enter_async_context(Proxy([route], None, told.append))
+            proxy = await running.enter_async_context(Proxy([route], None, reports.append))
             port = proxy.ports["one"]
         reader, writer = await asyncio.open_connection(HOST, port)
         with contextlib.suppress(ConnectionResetError):
@@ -160,12 +160,14 @@ async def test_a_robot_that_disappears_while_the_proxy_runs():
         await ended(writer)
         with pytest.raises(ConnectionRefusedError):
             await asyncio.open_connection(HOST, port)
-        assert told == [f"one: {HOST}:{target} does not accept connections (Connection refused); closed here as well"]
+        assert reports == [
+            f"one: {HOST}:{target} does not accept connections (Connection refused); closed here as well"
+        ]
         async with serving(echo_until_end, target), timeout(30):
             while "one" not in proxy.ports:
                 await asyncio.sleep(0.05)
         assert proxy.ports["one"] == port
-        assert told[1:] == [f"one: {HOST}:{target} accepts connections now"]
+        assert reports[1:] == [f"one: {HOST}:{target} accepts connections now"]
 
 
 async def ended(*writers: asyncio.StreamWriter) -> None:
@@ -243,7 +245,7 @@ async def test_ctrl_c_ends_the_command_with_a_complete_recording(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (["--ports", "rtd"], "'rtd' is not a port of a robot: did you mean rtde?"),
         (["--port-offset", "40000"], "dashboard would be on port 69999"),
@@ -253,8 +255,8 @@ async def test_ctrl_c_ends_the_command_with_a_complete_recording(tmp_path):
         ),
     ],
 )
-def test_invalid_arguments_are_reported(options, told):
+def test_invalid_arguments_are_reported(options, message):
     result = CliRunner().invoke(app, ["proxy", *options])
     text = " ".join(f"{result.stderr} {result.exception}".replace("│", " ").split())
     assert result.exit_code != 0
-    assert told in text
+    assert message in text

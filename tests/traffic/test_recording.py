@@ -124,8 +124,8 @@ def test_flushed_data_survives_without_close(tmp_path):
 
 
 def test_a_full_disk_is_reported_once_and_leaves_complete_packets(tmp_path, monkeypatch):
-    told: list[str] = []
-    recorder = TrafficRecorder(tmp_path / "file", problem=told.append)
+    reported: list[str] = []
+    recorder = TrafficRecorder(tmp_path / "file", problem=reported.append)
     one = recorder.connection(*ends(29999))
     one.data(True, b"power on\n")
     recorder.flush()
@@ -134,20 +134,20 @@ def test_a_full_disk_is_reported_once_and_leaves_complete_packets(tmp_path, monk
     recorder.flush()
     one.data(True, b"play\n")
     recorder.close()
-    assert len(told) == 1
-    assert told[0].endswith("No space left on device")
+    assert len(reported) == 1
+    assert reported[0].endswith("No space left on device")
     recording = TrafficRecording.read(tmp_path / "file")
     assert recording.conversations[0].sent(from_server=False) == b"power on\n"
     assert recording.problems == []
 
 
 def half_then_full(write):
-    def some(file: int, data: bytes) -> int:
+    def send_half(file: int, data: bytes) -> int:
         if len(data) < 40:
             raise OSError(28, os.strerror(28))
         return write(file, bytes(data[: len(data) // 2]))
 
-    return some
+    return send_half
 
 
 @given(st.binary(max_size=300), st.integers(0, 600))

@@ -61,11 +61,11 @@ async def test_the_same_recipe_and_any_subset_of_its_variables(recording):
 
 
 async def test_an_unrecorded_variable_is_not_found_and_reported(recording):
-    told: list[str] = []
-    async with ReplayRobot(recording, HOST, free_ports=True, report=told.append) as robot:
+    reported: list[str] = []
+    async with ReplayRobot(recording, HOST, free_ports=True, report=reported.append) as robot:
         with pytest.raises(RobotRefused, match="actual_TCP_force: NOT_FOUND"):
             await asyncio.to_thread(watch, robot.ports["rtde"], ("timestamp", "actual_TCP_force"))
-    assert told == ["rtde: not in the recording, so NOT_FOUND: actual_TCP_force"]
+    assert reported == ["rtde: not in the recording, so NOT_FOUND: actual_TCP_force"]
 
 
 async def test_the_dashboard_gives_the_recorded_answers(recording):
@@ -81,13 +81,13 @@ async def test_the_dashboard_gives_the_recorded_answers(recording):
 
 
 async def test_looped_states_restart(recording):
-    def some(port: int) -> list[float]:
+    def timestamps(port: int) -> list[float]:
         with BlockingRTDEClient(HOST, ["timestamp"], port=port) as client:
             return [client.receive()["timestamp"] for _ in range(600)]
 
     (track,) = tracks_of(recording)
     async with ReplayRobot(recording, HOST, speed=200, loop=True, free_ports=True) as robot:
-        assert await asyncio.to_thread(some, robot.ports["rtde"]) == (list(track.times_s) * 2)[:600]
+        assert await asyncio.to_thread(timestamps, robot.ports["rtde"]) == (list(track.times_s) * 2)[:600]
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
@@ -147,7 +147,7 @@ def test_in_order_replay_waits_for_the_same_number_of_bytes_and_the_same_time():
 )
 def test_in_order_replay_is_complete_for_a_client_that_sends_everything(pieces, sizes):
     one = conversation(pieces)
-    player, now_s, said = SequentialPlayer(one, PlaybackOptions(2.0)), 0.0, b""
+    player, now_s, received = SequentialPlayer(one, PlaybackOptions(2.0)), 0.0, b""
     sent = one.sent(from_server=False)
     player.begin(now_s)
     for turn in range(2000):
@@ -155,8 +155,8 @@ def test_in_order_replay_is_complete_for_a_client_that_sends_everything(pieces, 
         size = sizes[turn % len(sizes)]
         player.take(sent[:size], now_s)
         sent = sent[size:]
-        said += player.due(now_s)
-    assert said == one.sent(from_server=True)
+        received += player.due(now_s)
+    assert received == one.sent(from_server=True)
     assert player.over
 
 

@@ -110,8 +110,8 @@ def shape(tree: object) -> object:
     if isinstance(tree, Scope):
         return ("thread" if tree.is_thread else "def", tree.name, shape(tree.parameters))
     if isinstance(tree, Node):
-        told = [field.name for field in fields(tree) if field.name not in ("line", "column", "cost", "loops")]
-        return (type(tree).__name__, *(shape(getattr(tree, name)) for name in told))
+        names = [field.name for field in fields(tree) if field.name not in ("line", "column", "cost", "loops")]
+        return (type(tree).__name__, *(shape(getattr(tree, name)) for name in names))
     if isinstance(tree, list | tuple):
         return [shape(item) for item in tree]
     return repr(tree)

@@ -94,7 +94,7 @@ def test_the_first_command_creates_the_world():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "says"),
+    ("wrong", "message"),
     [
         (lambda: Push((1.0, 2.0, 3.0)), "six"),
         (lambda: Push((float("nan"),) * 6), "finite"),
@@ -102,6 +102,6 @@ def test_the_first_command_creates_the_world():
         (lambda: Push(PUSH, duration_s=float("inf")), "longer"),
     ],
 )
-def test_invalid_pushes(wrong, says):
-    with pytest.raises(ValueError, match=says):
+def test_invalid_pushes(wrong, message):
+    with pytest.raises(ValueError, match=message):
         wrong()

@@ -63,7 +63,7 @@ def test_the_probes_of_a_box_are_its_corners_with_a_quarter_face_each():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "says"),
+    ("wrong", "message"),
     [
         (lambda: Sphere(-0.1), "radius"),
         (lambda: Sphere(float("nan")), "radius"),
@@ -76,6 +76,6 @@ def test_the_probes_of_a_box_are_its_corners_with_a_quarter_face_each():
         (lambda: WorldObject(Plane(), friction=float("nan")), "friction"),
     ],
 )
-def test_invalid_shapes_are_refused(wrong, says):
-    with pytest.raises(ValueError, match=says):
+def test_invalid_shapes_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
         wrong()

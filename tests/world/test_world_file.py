@@ -61,7 +61,7 @@ def test_the_example_file_is_valid():
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("a: [", "not YAML"),
         ("[1, 2]", "the file must be a mapping"),
@@ -85,9 +85,9 @@ def test_the_example_file_is_valid():
         ("objects: {" + ", ".join(f"o{i}: {{plane: {{}}}}" for i in range(33)) + "}", "at most 32"),
     ],
 )
-def test_errors_name_the_file_and_the_place(tmp_path, text, says):
+def test_errors_name_the_file_and_the_place(tmp_path, text, message):
     path = written(tmp_path, text)
-    with pytest.raises(WorldFileError, match=says) as caught:
+    with pytest.raises(WorldFileError, match=message) as caught:
         read_world(path)
     assert str(path) in str(caught.value)
     with pytest.raises(ConfigError):

@@ -31,13 +31,13 @@ class Cable:
 
     def pull(self) -> None:
         """From now on nothing passes."""
-        self._tell("pulled")
+        self._send("pulled")
 
     def plug(self) -> None:
         """What waited passes, and all that follows."""
-        self._tell("plugged")
+        self._send("plugged")
 
-    def _tell(self, word: str) -> None:
+    def _send(self, word: str) -> None:
         self._process.stdin.write(f"{word}\n")
         self._process.stdin.flush()
         self._wait_for(word)

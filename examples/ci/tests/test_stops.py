@@ -44,6 +44,6 @@ def test_emergency_stop_and_back(cell: Cell, ur_emulator: EmulatorProcess) -> No
     with pytest.raises(CellError, match="release it first"):
         cell.recover()
     ur_emulator.release_emergency_stop()
-    wait_until(lambda: not cell.trouble())
+    wait_until(lambda: not cell.stop_reason())
     cell.recover()
     cell.move(FAR, speed=3.0)

@@ -29,7 +29,7 @@ def needs(kind: str) -> None:
         pytest.skip(f"this distribution has no {kind}")
 
 
-def says(answer: dict[str, Any], words: str) -> bool:
+def mentions(answer: dict[str, Any], words: str) -> bool:
     """Whether an answer has these words as its message. In Humble it has none."""
     return words in answer.get("message", words).replace("\n", " ")
 
