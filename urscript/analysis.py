@@ -12,6 +12,9 @@ from urscript.builtins import Builtin
 from urscript.syntax import Parameter, Program, Scope
 from urscript.work import Steps
 
+MAX_CALL_DEPTH = 200
+"""Deepest recursion. A guess; vendor programs recurse a few levels."""
+
 _WORK = 8  # to plan a function, without its calls
 
 _PLAIN_COST = 400

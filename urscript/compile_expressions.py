@@ -10,7 +10,7 @@ from typing import Any
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript import hints, values
-from urscript.analysis import FunctionPlan
+from urscript.analysis import MAX_CALL_DEPTH, FunctionPlan
 from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin, Parameter
 from urscript.errors import CompileError
@@ -20,14 +20,16 @@ from urscript.inference import (
     INT,
     NUMBER,
     STRING,
-    VECTOR,
     Kinds,
     KindSet,
     arithmetic,
     is_local,
     is_number,
     is_ordered,
+    is_sequence,
+    is_vector,
 )
+from urscript.inline_calls import inline_call
 from urscript.literals import call_problems
 from urscript.number_code import ARITHMETIC_HELPERS, element, number_arithmetic
 from urscript.pycode import (
@@ -44,6 +46,7 @@ from urscript.pycode import (
     subscript,
     yield_from,
 )
+from urscript.ranges import Ranges
 from urscript.syntax import (
     Binary,
     Call,
@@ -180,6 +183,7 @@ class ExpressionCompiler:
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
+        self.ranges = Ranges()
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
         # Functions, not bound methods: those would form a reference cycle, which keeps the whole tree alive until the
@@ -355,7 +359,7 @@ class ExpressionCompiler:
             self._kinds[id(node)] = kind = arithmetic(operator, *kinds)
             if is_number(kind):
                 self.size += kind != FLOAT  # code for the wrap at 32 bits
-                return number_arithmetic(node, kind, left, right, place)
+                return number_arithmetic(node, kind, left, right, place, fits=self.ranges.fits(node))
             return call(ARITHMETIC_HELPERS[operator], place, left, right)
         ordered = all(map(is_ordered, kinds))
         if operator in _ORDER:
@@ -376,7 +380,7 @@ class ExpressionCompiler:
     def _warn_of_sum(self, node: Binary, kinds: tuple[KindSet, KindSet]) -> None:
         """Warn of a sum of a string and a value that can only be a number or a list."""
         other, kind = (node.right, kinds[1]) if _is_text(node.left) else (node.left, kinds[0])
-        if is_number(kind) or kind == VECTOR or isinstance(other, (Constant, ListLiteral, NumberList, PoseLiteral)):
+        if is_number(kind) or is_vector(kind) or isinstance(other, (Constant, ListLiteral, NumberList, PoseLiteral)):
             message = (
                 "Type error: a string can only be added to a string: str_cat() joins any two values, "
                 "to_str() converts to a string"
@@ -393,8 +397,8 @@ class ExpressionCompiler:
         target = self.operand(node.target)
         if len(positions) == 2:
             return call("_cell", place, target, *positions)
-        of_vector = isinstance(node.target, Name) and self.kind(node.target) == VECTOR
-        if of_vector and self.kind(node.positions[0]) == INT:
+        of_sequence = isinstance(node.target, Name) and is_sequence(self.kind(node.target))
+        if of_sequence and self.kind(node.positions[0]) == INT:
             return element(node, target, positions[0], place)
         return call("_index", place, target, positions[0])
 
@@ -439,8 +443,7 @@ class ExpressionCompiler:
             elif parameter.default is not None:
                 arguments.append(defaults.expression(parameter.default))
         if plan.recursive:
-            depth = call("_deeper", place, load("_depth", place)) if self.recursive else constant(1, place)
-            arguments.insert(0, depth)
+            arguments.insert(0, _deeper(place) if self.recursive else constant(1, place))
         code = call(plan.symbol, place, *arguments)
         return yield_from(code, place) if plan.generator or self.unit.stepped else code
 
@@ -463,6 +466,11 @@ class ExpressionCompiler:
                     arguments.append(load("_omitted", place) if checked else constant(parameter.default, place))
         if builtin.takes_scope:
             arguments.insert(0, load("_locals", place))
+        if not checked and not node.keywords:
+            kinds = [self.kind(argument) for argument in node.arguments]
+            inline = inline_call(builtin.name, node.arguments, kinds, arguments, place)
+            if inline is not None:
+                return inline
         code = call(f"{'b' if checked else 'u'}_{builtin.name}", place, *arguments)
         return yield_from(code, place) if builtin.takes_time else code
 
@@ -526,6 +534,17 @@ class ExpressionCompiler:
             self.name_not_found(node.name, node, "thread")
             return constant(None, place)
         return call("_run", place, load(plan.symbol, place), constant(node.name, place))
+
+
+def _deeper(place: Place) -> ast.expr:
+    """``_depth + 1 if _depth < MAX_CALL_DEPTH else _too_deep()``."""
+    depth = load("_depth", place)
+    return ast.IfExp(
+        test=_compare(depth, ast.Lt(), constant(MAX_CALL_DEPTH, place), place),
+        body=ast.BinOp(left=depth, op=ast.Add(), right=constant(1, place), **place),
+        orelse=call("_too_deep", place),
+        **place,
+    )
 
 
 def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, place: Place) -> ast.expr:

@@ -14,7 +14,8 @@ from typing import Any, TypeAlias
 
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
-from urscript.inference import is_plain
+from urscript.inference import INT, is_list, is_plain
+from urscript.number_code import write_element
 from urscript.pycode import (
     LOAD,
     Place,
@@ -238,6 +239,8 @@ class _BodyCompiler(ExpressionCompiler):
                 continue
             self.size += 1
             place = place_of(statement)
+            if isinstance(statement, (If, While)):
+                self.ranges.forget_changed(statement)
             if self.unit.stepped and not isinstance(statement, While):
                 code.append(ast.Expr(value=self._step(place), **place))
             if isinstance(statement, If):
@@ -248,6 +251,8 @@ class _BodyCompiler(ExpressionCompiler):
                 if self._divided and statement.cost > _PIECE:
                     yield from self._divide_expressions(statement)
                 code += self._compilers[statement.__class__](self, statement, place)
+                if isinstance(statement, Assign):
+                    self.ranges.forget_changed(statement)
             yield from self._count()
         return code
 
@@ -413,9 +418,40 @@ class _BodyCompiler(ExpressionCompiler):
             if self.is_local(target.name):
                 return [self.bind(target.name, value, place)]
             return self._assign_global(target.name, value, place)
+        if isinstance(target, Index) and (code := self._assign_in_place(target, node.value, value, place)) is not None:
+            return code
         stored = self.store(target, value, place)
         assert stored is not None, "the parser allows assignment only to variables and their parts"
         return [self.bind(*stored, place)]
+
+    def _assign_in_place(
+        self, target: Index, source: Expression, value: ast.expr, place: Place
+    ) -> list[ast.stmt] | None:
+        """Write an element of a list where nothing but the variable refers to it; `_set_item` makes a copy otherwise.
+
+        None for anything but a local variable that is a list of numbers or bools, and such a value.
+        """
+        root, position = target.target, target.positions[0]
+        if not isinstance(root, Name) or len(target.positions) > 1 or self.boxed or not self.is_local(root.name):
+            return None
+        if not is_list(self.kind(root)) or self.kind(position) != INT or not is_plain(self.kind(source)):
+            return None
+        self.size += 6
+        code: list[ast.stmt] = []
+        at, new = self.expression(position), value
+        if not self._is_lasting(position):
+            code.append(assign("_at", at, place))
+            at = load("_at", place)
+        if not self._is_lasting(source):
+            code.append(assign("_new", value, place))
+            new = load("_new", place)
+        variable = self.variable(root.name, place)
+        copy = self.bind(root.name, call("_set_item", place, variable, at, new), place)
+        return [*code, write_element(variable, at, new, copy, place)]
+
+    def _is_lasting(self, node: Expression) -> bool:
+        """True for a value that nothing changes while other parts of the statement are evaluated."""
+        return isinstance(node, Constant) or (isinstance(node, Name) and self.is_local(node.name))
 
     def _old_setter(self, node: Assign) -> Call | None:
         """The built-in call that replaces an assignment such as ``digital_out[2] = True``, where the array is not a
@@ -491,10 +527,17 @@ class _BodyCompiler(ExpressionCompiler):
             passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
         outer, self._exits = self._exits, []
+        known = self.ranges
+        if not self._divided and not self.boxed:  # else the body may be long, or its variables are shared
+            self.ranges = known.within(node, self._is_counter, lambda bound: self.kind(bound) == INT)
         body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
+        self.ranges = known
         outer += [exit_ for exit_ in self._exits if isinstance(exit_, ast.Return)]
         self._exits = outer
         return [ast.While(test=test, body=body, orelse=[], **place)]
+
+    def _is_counter(self, name: str) -> bool:
+        return self.is_local(name) and self.unit.kinds.variable(self.scope, name) == INT
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:
         back = ast.Return(value=None if node.value is None else self.expression(node.value), **place)

@@ -2,10 +2,10 @@
 
 Arithmetic then needs no calls, conditions no test of their type, and built-ins no check of their arguments.
 
-A variable is a number when every value that the program assigns to it is a number, and likewise a bool, a string or a
-vector (a list of numbers, or a pose). Assigned values may themselves be variables, so all assignments are evaluated
-repeatedly until nothing changes. Expressions of unknown kind are left to the operators, which check the values at run
-time.
+A variable is a number when every value that the program assigns to it is a number, and likewise a bool, a string, a
+vector (a list of numbers, or a pose) or a list of values of one kind. Assigned values may themselves be variables, so
+all assignments are evaluated repeatedly until nothing changes. Expressions of unknown kind are left to the operators,
+which check the values at run time.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,16 +41,26 @@ from urscript.values import Pose
 from urscript.work import Steps, release
 
 KindSet: TypeAlias = int
-"""The kinds a value may have: a sum of the six below; 0 when no value is known."""
+"""The kinds a value may have: a sum of those below; 0 when no value is known."""
 
 INT: Final = 1
 FLOAT: Final = 2
 VECTOR: Final = 4
+"""A pose, or a list of numbers."""
 BOOL: Final = 8
 STRING: Final = 16
 OTHER: Final = 32
+INTS: Final = 64
+"""A list of ints, and likewise below."""
+FLOATS: Final = 128
+BOOLS: Final = 256
 NUMBER: Final = INT | FLOAT
-ANYTHING: Final = NUMBER | VECTOR | BOOL | STRING | OTHER
+LISTS: Final = INTS | FLOATS | BOOLS
+ANYTHING: Final = NUMBER | VECTOR | BOOL | STRING | OTHER | LISTS
+
+_VECTORS: Final = VECTOR | INTS | FLOATS
+_ELEMENTS: Final = ((VECTOR, NUMBER), (INTS, INT), (FLOATS, FLOAT), (BOOLS, BOOL))
+_LISTS_OF: Final = ((INT, INTS), (FLOAT, FLOATS), (BOOL, BOOLS))
 
 Variable: TypeAlias = tuple[str, str]  # scope and name; the scope of globals is "", that of results "return"
 _GLOBAL: Final = ""
@@ -100,6 +110,39 @@ def is_ordered(kind: KindSet) -> bool:
     return kind > 0 and not kind & ~(NUMBER | BOOL)
 
 
+def is_vector(kind: KindSet) -> bool:
+    """True for values that can only be poses and lists of numbers."""
+    return kind > 0 and not kind & ~_VECTORS
+
+
+def is_list(kind: KindSet) -> bool:
+    """True for values that can only be lists whose elements are numbers or bools: neither poses nor matrices."""
+    return kind > 0 and not kind & ~LISTS
+
+
+def is_sequence(kind: KindSet) -> bool:
+    """True for values that can only be poses, or lists whose elements are numbers or bools."""
+    return kind > 0 and not kind & ~(VECTOR | LISTS)
+
+
+def element_kind(kind: KindSet) -> KindSet:
+    """The kinds that an element of a value may have."""
+    if kind & ~(VECTOR | LISTS):
+        return ANYTHING
+    found = 0
+    for lists, element in _ELEMENTS:
+        if kind & lists:
+            found |= element
+    return found
+
+
+def _list_of(kind: KindSet) -> KindSet:
+    """The kinds that a list of values of these kinds may have."""
+    if not kind:
+        return 0
+    return OTHER if kind & ~(NUMBER | BOOL) else sum(lists for element, lists in _LISTS_OF if kind & element)
+
+
 class Kinds:
     """The possible kinds of the variables and expressions of a program. An empty instance knows only literals.
 
@@ -146,8 +189,7 @@ class Kinds:
             case ListLiteral():
                 return self._list(scope, node)
             case Index() if len(node.positions) == 1:
-                target = self.expression(scope, node.target)
-                return NUMBER if target == VECTOR else ANYTHING if target else 0
+                return element_kind(self.expression(scope, node.target))
             case Binary() | Unary():
                 return BOOL
         return ANYTHING
@@ -156,16 +198,23 @@ class Kinds:
         if len(node.items) > _LONG_LIST:
             return ANYTHING
         kinds = [self.expression(scope, item) for item in node.items]
-        return VECTOR if all(map(is_number, kinds)) else OTHER if all(kinds) else 0
+        if not all(kinds):
+            return 0
+        if len(set(kinds)) == 1 and kinds[0] in (INT, FLOAT, BOOL):
+            return _list_of(kinds[0])
+        return VECTOR if all(map(is_number, kinds)) else OTHER
 
     def _result(self, scope: Scope, node: Call) -> KindSet:
         if node.name in self._program.functions:
             return self._variables.get((_RESULT, node.name), 0)
         if node.name == _LIST_MAKER and len(node.arguments) > 1:
-            value = self.expression(scope, node.arguments[1])
-            return VECTOR if is_number(value) else OTHER if value else 0
+            return _list_of(self.expression(scope, node.arguments[1]))
         builtin = self._builtins.get(node.name)
-        return _result_kind(builtin.result) if builtin else ANYTHING
+        if builtin is None:
+            return ANYTHING
+        if builtin.result is float and not builtin.host:  # of a built-in that computes; others may return an int
+            return FLOAT
+        return _result_kind(builtin.result)
 
 
 def _result_kind(annotation: Any) -> KindSet:
@@ -179,11 +228,11 @@ def arithmetic(operator: str, left: KindSet, right: KindSet) -> KindSet:
         return 0
     if left == right == STRING and operator == "+":
         return STRING
-    if (left | right) & ~(NUMBER | VECTOR):
+    if (left | right) & ~(NUMBER | _VECTORS):
         return ANYTHING
-    if VECTOR in (left, right):
+    if is_vector(left) or is_vector(right):
         return VECTOR
-    if (left | right) & VECTOR:
+    if (left | right) & _VECTORS:
         return ANYTHING
     if operator == "/" or FLOAT in (left, right):
         return FLOAT
@@ -205,9 +254,7 @@ class _Store:
         if self.value is None:
             return OTHER
         kind = kinds.expression(self.scope, self.value)
-        if self.part and kind:
-            return VECTOR if is_number(kind) else OTHER
-        return kind
+        return _list_of(kind) if self.part else kind
 
 
 def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kinds]:
@@ -346,6 +393,11 @@ def _flat(body: list[Statement]) -> Iterator[Statement]:
                 pass
             case _:
                 yield statement
+
+
+def assigned_names(statement: Statement) -> set[str]:
+    """The variables that a statement and those in its blocks assign to, in whole or in part."""
+    return {_root(inner.target) for inner in _flat([statement]) if isinstance(inner, Assign)}
 
 
 def _always_returns(body: list[Statement]) -> bool:

@@ -412,23 +412,25 @@ Key = Any  # str: a member; a number: an index; a pair: a matrix cell
 
 def _references(value: Value, _key: Key, _item: Value) -> int:
     """The references to a value that an assignment passes on, as `set_item` would count them."""
-    return _count_references(value)
+    return count_references(value)
 
 
-def _references_when_unshared() -> int:
-    """What `_references` returns for a list that only the assigned variable refers to; 0 if that says nothing.
+def _references_when_unshared(code: str) -> int:
+    """The references to a list that only a variable of a program refers to; 0 if that says nothing.
 
     The number depends on how Python passes arguments, so it is measured by a function compiled like those of programs.
     """
     if sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
         return 0
-    namespace: dict[str, Any] = {"_set_item": _references}
-    exec("def count():\n  v_a = [0]\n  v_a = _set_item(v_a, 0, 1)\n  return v_a", namespace)
+    namespace: dict[str, Any] = {"_set_item": _references, "_references": count_references}
+    exec(f"def count():\n  v_a = [0]\n  {code}\n  return v_a", namespace)
     return int(namespace["count"]())
 
 
-_count_references = getattr(sys, "getrefcount", lambda _: -1)
-_UNSHARED = _references_when_unshared()
+count_references: Callable[[Any], int] = getattr(sys, "getrefcount", lambda _: -1)
+UNSHARED = _references_when_unshared("v_a = _references(v_a)")
+"""What ``count_references`` returns, called by a program, for a list that only its variable refers to."""
+_UNSHARED_ARGUMENT = _references_when_unshared("v_a = _set_item(v_a, 0, 1)")
 
 
 def set_item(value: Value, key: Key, item: Value) -> Value:
@@ -439,10 +441,10 @@ def set_item(value: Value, key: Key, item: Value) -> Value:
     """
     result: Value
     if isinstance(value, list) and value.__class__ is not Pose and key.__class__ is int and 0 <= key < len(value):
-        METER.left -= len(value) // 8
-        if _count_references(value) == _UNSHARED and item.__class__ in _SCALARS:
+        if count_references(value) == _UNSHARED_ARGUMENT and item.__class__ in _SCALARS:
             value[key] = item
             return value
+        METER.left -= len(value) // 8
         result = BoundedList(value, value.capacity) if value.__class__ is BoundedList else value.copy()
         result[key] = item
     elif key.__class__ is str:

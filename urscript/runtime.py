@@ -29,9 +29,10 @@ import re
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from types import FrameType, GeneratorType, TracebackType
-from typing import Any, Final, Protocol, cast
+from typing import Any, Final, NoReturn, Protocol, cast
 
-from urscript import operators
+from urscript import inline_calls, operators
+from urscript.analysis import MAX_CALL_DEPTH
 from urscript.builtins import OMITTED, Builtin
 from urscript.compile_statements import STATEMENT, piece_name
 from urscript.compiler import FILE_NAME, CompiledProgram
@@ -95,9 +96,6 @@ MIN_SHARE = 100
 
 MAX_THREADS = 64
 """Maximum number of running threads. A guess: the real limit is not known."""
-
-MAX_CALL_DEPTH = 200
-"""Deepest recursion. A guess; vendor programs recurse a few levels."""
 
 _THREAD_WORK = 150  # to start or kill a thread [meter units]
 
@@ -469,10 +467,8 @@ class Runtime:
             self.current.critical -= 1
 
 
-def _deeper(depth: int) -> int:
-    if depth >= MAX_CALL_DEPTH:
-        raise RuntimeFault(f"Function calls are nested more than {MAX_CALL_DEPTH} levels deep")
-    return depth + 1
+def _too_deep() -> NoReturn:
+    raise RuntimeFault(f"Function calls are nested more than {MAX_CALL_DEPTH} levels deep")
 
 
 _HELPERS: dict[str, Any] = {
@@ -481,7 +477,7 @@ _HELPERS: dict[str, Any] = {
     "_omitted": OMITTED,
     "_Halt": _Halt,
     "_Locals": Locals,
-    "_deeper": _deeper,
+    "_too_deep": _too_deep,
     "_fault": operators.fault,
     "_unset": UNSET,
     "_without_value": operators.without_value,
@@ -504,9 +500,11 @@ _HELPERS: dict[str, Any] = {
     "_numbers": operators.number_list,
     "_struct": operators.make_struct,
     "_len": len,
+    **inline_calls.HELPERS,
     "_index": operators.index,
     "_cell": operators.cell,
     "_member": member,
+    "_references": operators.count_references,
     "_set_item": operators.set_item,
     "_set_path": operators.set_path,
     "_retype": operators.retype,

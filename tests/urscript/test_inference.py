@@ -6,7 +6,22 @@ from hypothesis import strategies as st
 
 from urproto.versions import PolyscopeVersion
 from urscript import LibrarySet, Runtime, compile_script, compiler
-from urscript.inference import Kinds
+from urscript.inference import (
+    ANYTHING,
+    BOOL,
+    BOOLS,
+    FLOAT,
+    FLOATS,
+    INT,
+    INTS,
+    NUMBER,
+    OTHER,
+    STRING,
+    VECTOR,
+    Kinds,
+    arithmetic,
+    element_kind,
+)
 from urscript.library import LIBRARIES
 from urscript.values import BoundedList, to_text
 
@@ -48,6 +63,35 @@ def _both(text):
     return found
 
 
+@pytest.mark.parametrize(
+    ("operator", "left", "right", "kind"),
+    [
+        ("+", INT, INT, INT),
+        ("+", INT, FLOAT, FLOAT),
+        ("/", INT, INT, FLOAT),
+        ("*", NUMBER, INT, NUMBER),
+        ("+", STRING, STRING, STRING),
+        ("-", STRING, STRING, ANYTHING),
+        ("+", INTS, INT, VECTOR),
+        ("+", VECTOR, FLOATS, VECTOR),
+        ("+", VECTOR | INT, INT, ANYTHING),
+        ("+", BOOLS, INT, ANYTHING),
+        ("+", 0, INT, 0),
+        ("+", FLOAT, 0, 0),
+    ],
+)
+def test_kinds_of_arithmetic(operator, left, right, kind):
+    assert arithmetic(operator, left, right) == kind
+
+
+@pytest.mark.parametrize(
+    ("kind", "element"),
+    [(INTS, INT), (FLOATS, FLOAT), (BOOLS, BOOL), (VECTOR, NUMBER), (INTS | VECTOR, NUMBER), (OTHER, ANYTHING), (0, 0)],
+)
+def test_kinds_of_elements(kind, element):
+    assert element_kind(kind) == element
+
+
 ATOMS = st.sampled_from(
     [
         "a",
@@ -85,6 +129,12 @@ ATOMS = st.sampled_from(
         "get_list_length(s)",
         "make_list(3, c)",
         "make_list(2, t)",
+        "k",
+        "(k + 1)",
+        "u",
+        "u[k]",
+        "w[0]",
+        "cos(1e308)",
     ]
 )
 EXPRESSIONS = st.recursive(
@@ -102,24 +152,33 @@ CONDITIONS = st.one_of(
     st.tuples(EXPRESSIONS, st.sampled_from(["<", "<=", "==", "!=", ">="]), EXPRESSIONS).map(" ".join), EXPRESSIONS
 )
 STATEMENTS = st.one_of(
-    st.tuples(st.sampled_from(["a", "b", "c", "s", "t", "v", "v[0]", "w", "w[a]", "local d"]), EXPRESSIONS).map(
-        " = ".join
-    ),
+    st.tuples(
+        st.sampled_from(["a", "b", "c", "s", "t", "v", "v[0]", "w", "w[a]", "u[a]", "u[k + 1]", "u", "k", "local d"]),
+        EXPRESSIONS,
+    ).map(" = ".join),
     st.just("w = v"),
     st.tuples(CONDITIONS, st.sampled_from("abcstv"), EXPRESSIONS).map(lambda p: f"if {p[0]}:\n{p[1]} = {p[2]}\nend"),
 )
 BLOCKS = st.lists(STATEMENTS, min_size=1, max_size=5).map("\n".join)
 
 
-@given(BLOCKS, EXPRESSIONS, EXPRESSIONS, BLOCKS, st.booleans())
-def test_inferred_programs_do_what_general_ones_do(block, first, second, loop, in_function):
-    body = f"{block}\nwhile k < 4:\nk = k + 1\n{loop}\nend\n"
-    names = 'a = 1\nb = 2.0\nc = 3\ns = "say"\nt = False\nv = [1.0, 2, 3]\nw = [True, False]\nk = 0\n'
-    functions = (
-        f'def f(x):\nreturn x * 3\nend\ndef g(b, v, a=1, c=0.5, s="d", t=True):\na = {first}\nreturn {second}\nend\n'
-    )
+COUNTERS = st.tuples(
+    st.sampled_from([0, -3, 2147483645]),
+    st.sampled_from(["k < 4", "4 >= k", "k < 2147483647", "k < c", "a > k and k < c", "k <= b", "True"]),
+    st.sampled_from(["k = k + 1", "k = k + 2", "k = k - 1", "if t:\nk = k + 1\nend\nk = k + 1"]),
+)
+
+
+@given(BLOCKS, EXPRESSIONS, EXPRESSIONS, BLOCKS, st.booleans(), COUNTERS)
+def test_inferred_programs_do_what_general_ones_do(block, first, second, loop, in_function, counter):
+    start, condition, step = counter
+    body = f"{block}\nwhile {condition} and n < 6:\nn = n + 1\n{step}\n{loop}\nend\n"
+    names = 'a = 1\nb = 2.0\nc = 3\ns = "say"\nt = False\nv = [1.0, 2, 3]\nw = [True, False]\n'
+    names += f"u = [1, 2, 3]\nk = {start}\nn = 0\n"
+    parameters = 'b, v, a=1, c=0.5, s="d", t=True, u=[1, 2], k=1, w=[True]'
+    functions = f"def f(x):\nreturn x * 3\nend\ndef g({parameters}):\na = {first}\nreturn {second}\nend\n"
     if in_function:
-        values = "str_cat(str_cat(a, b), str_cat(str_cat(v, w), t))"
+        values = "str_cat(str_cat(str_cat(a, b), str_cat(u, k)), str_cat(str_cat(v, w), t))"
         text = f"def p():\n{functions}def h():\n{names}{body}return {values}\nend\nresult = h()\nend"
     else:
         text = f"def p():\n{functions}{names}{body}end"
@@ -143,6 +202,9 @@ def test_inferred_programs_do_what_general_ones_do(block, first, second, loop, i
         ('s = ""\nx = not s', "x", ("bool", "True")),
         ('s = "a"\ns = s + "b"\nx = str_len(s)', "x", ("int", "2")),
         ("x = floor(2.5) + 1", "x", ("int", "3")),
+        ("x = cos(1e309)", "x", ("float", "nan")),
+        ("a = 7\nb = -2\nx = a % b", "x", ("int", "1")),
+        ("a = 7\nb = 4\nx = a % b", "x", ("int", "3")),
         ("v = make_list(2, 0.5)\nv[1] = 2\nx = v[0] + v[1]", "x", ("float", "2.5")),
         ('x = str_sub("abc", 1)', "x", ("str", "bc")),
         ("def f(n):\nif n < 2:\nreturn 1\nend\nreturn n * f(n - 1)\nend\nx = f(13)", "x", ("int", "1932053504")),
@@ -152,6 +214,30 @@ def test_rules_hold_where_the_operands_are_known(body, name, value):
     values, failed, _ = _both(f"def p():\n{body}\nend")
     assert not failed
     assert values[name] == value
+
+
+@pytest.mark.parametrize(
+    ("start", "condition", "steps", "value"),
+    [
+        (2147483645, "k < 2147483647", ["k = k + 1"], 2147483647),
+        (2147483645, "k < 2147483647", ["k = k + 1", "k = k + 1"], 2147483647),
+        (2147483646, "k < 2147483647", ["k = k + 1", "k = k + 1"], -2147483644),
+        (2147483646, "k > 0", ["k = k + 1"], -2147483648),
+        (2147483646, "k < 2147483647.5", ["k = k + 1"], -2147483647),
+        (2147483645, "k <= 2147483646", ["k = k + 2"], 2147483647),
+        (2147483646, "k <= 2147483646", ["k = k + 2"], -2147483644),
+        (-2147483647, "-2147483648 < k", ["k = k - 1"], -2147483648),
+        (-2147483647, "k >= -2147483648", ["k = k - 1"], 2147483646),
+        (0, "k < 2147483647", ["k = k + 2147483646"], 2147483642),
+    ],
+)
+def test_counters_wrap_unless_their_loop_bounds_them(start, condition, steps, value):
+    loop = f"while {condition} and n < 3:\n{chr(10).join(steps)}\nn = n + 1\nend"
+    values, failed, _ = _both(
+        f"def p():\ndef f():\nlocal k = {start}\nlocal n = 0\n{loop}\nreturn k\nend\nx = f()\nend"
+    )
+    assert not failed
+    assert values["x"] == ("int", str(value))
 
 
 @pytest.mark.parametrize(

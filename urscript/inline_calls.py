@@ -1,0 +1,93 @@
+"""Calls of built-ins that compile to Python expressions, where the kinds of their arguments are known.
+
+A call of a Python function takes several times as long as what these built-ins do. Each expression covers the usual
+case, and calls the built-in for every other one, such as a position out of bounds.
+"""
+
+import ast
+from collections.abc import Callable, Sequence
+from math import cos, sin, sqrt
+from typing import Any, Final
+
+from urscript.inference import INT, STRING, KindSet, is_number, is_sequence
+from urscript.number_code import kept
+from urscript.pycode import LOAD, Place, attribute, call, constant
+from urscript.syntax import Expression
+
+HELPERS: Final[dict[str, Any]] = {"_sin": sin, "_cos": cos, "_sqrt": sqrt}
+"""The Python functions that the expressions call, by their names in compiled code."""
+
+_FINITE: Final = 1e300
+_Inline = Callable[[str, Sequence[Expression], Sequence[KindSet], list[ast.expr], Place], ast.expr | None]
+
+
+def inline_call(
+    name: str, nodes: Sequence[Expression], kinds: Sequence[KindSet], arguments: list[ast.expr], place: Place
+) -> ast.expr | None:
+    """The Python expression for a call of a built-in, given its arguments, their kinds and their Python code.
+
+    None when there is none: the built-in must then be called.
+    """
+    inline = _INLINE.get(name)
+    return None if inline is None or len(nodes) != len(arguments) else inline(name, nodes, kinds, arguments, place)
+
+
+def _length(
+    name: str, nodes: Sequence[Expression], kinds: Sequence[KindSet], arguments: list[ast.expr], place: Place
+) -> ast.expr | None:
+    (value,) = arguments
+    length = call("_len", place, value)
+    if is_sequence(kinds[0]):
+        return length
+    if kinds[0] != STRING or not isinstance(value, ast.Name):
+        return None
+    return _either(_is_ascii(value, place), length, call(f"u_{name}", place, value), place)
+
+
+def _character(
+    name: str, nodes: Sequence[Expression], kinds: Sequence[KindSet], arguments: list[ast.expr], place: Place
+) -> ast.expr | None:
+    text, position = arguments
+    if kinds[0] != STRING or kinds[1] != INT or not isinstance(text, ast.Name):
+        return None
+    position, again = kept(nodes[1], position, place)
+    within = ast.Compare(
+        left=constant(-1, place), ops=[ast.Lt(), ast.Lt()], comparators=[position, call("_len", place, text)], **place
+    )
+    test = ast.BoolOp(op=ast.And(), values=[within, _is_ascii(text, place)], **place)
+    character = ast.Subscript(value=text, slice=again, ctx=LOAD, **place)
+    return _either(test, character, call(f"u_{name}", place, text, again), place)
+
+
+def _function(
+    name: str, nodes: Sequence[Expression], kinds: Sequence[KindSet], arguments: list[ast.expr], place: Place
+) -> ast.expr | None:
+    """A function of one number, for numbers on which Python's function is defined."""
+    if not is_number(kinds[0]):
+        return None
+    value, again = kept(nodes[0], arguments[0], place)
+    if name == "sqrt":
+        test = ast.Compare(left=value, ops=[ast.GtE()], comparators=[constant(0, place)], **place)
+    else:
+        bounds = constant(-_FINITE, place), constant(_FINITE, place)
+        test = ast.Compare(left=bounds[0], ops=[ast.Lt(), ast.Lt()], comparators=[value, bounds[1]], **place)
+    return _either(test, call(f"_{name}", place, again), call(f"u_{name}", place, again), place)
+
+
+_INLINE: Final[dict[str, _Inline]] = {
+    "length": _length,
+    "get_list_length": _length,
+    "str_len": _length,
+    "str_at": _character,
+    "sin": _function,
+    "cos": _function,
+    "sqrt": _function,
+}
+
+
+def _is_ascii(text: ast.expr, place: Place) -> ast.expr:
+    return ast.Call(attribute(text, "isascii", place), [], [], **place)
+
+
+def _either(test: ast.expr, usual: ast.expr, general: ast.expr, place: Place) -> ast.expr:
+    return ast.IfExp(test=test, body=usual, orelse=general, **place)
