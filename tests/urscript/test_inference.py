@@ -133,6 +133,8 @@ ATOMS = st.sampled_from(
         "(k + 1)",
         "u",
         "u[k]",
+        "u[k - 1]",
+        "v[a % 3]",
         "w[0]",
         "cos(1e308)",
     ]
@@ -195,6 +197,7 @@ def test_inferred_programs_do_what_general_ones_do(block, first, second, loop, i
         ("k = 0\nx = 1 / k", "x", ("float", "inf")),
         ("k = 7\nj = 2\nx = k / j", "x", ("float", "3.5")),
         ("def f(a):\nreturn a + a\nend\nx = f(2)\ny = f([1, 2])", "y", ("list", "[2, 4]")),
+        ("q = [1, 2, 3]\nk = 4\nx = q[k % 3] + q[k - 3]", "x", ("int", "4")),
         ("q = [1.5, 2.5]\nq[0] = 2\nx = q[0] + q[1]", "x", ("float", "4.5")),
         ("t = 1 < 2\nx = 0\nif t:\nx = 1\nend", "x", ("int", "1")),
         ("n = 0\nx = 1\nif n:\nx = 2\nend", "x", ("int", "1")),
