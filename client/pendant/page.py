@@ -231,7 +231,7 @@ class Page:
         if self.move_confirmed:
             return True
         text = f"The arm at {self.station.robot_ip} is going to move. Is its workspace clear?"
-        self.confirmed = await self.confirm("This is a real robot", text, "It may move", "may-move")
+        self.confirmed = await self.confirm("This is a real robot", text, "It may move", "confirm-move")
         return self.confirmed
 
     async def confirm(self, title: str, text: str, yes: str, test_id: str = "agree") -> bool:

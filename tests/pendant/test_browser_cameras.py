@@ -59,7 +59,7 @@ def test_picture_and_description_are_shown(rig: Rig, browser: Browser) -> None:
                 == "Picture of the camera over all, live; the objects in view are listed below it"
             )
             description = "It sees: red part (50.0 %), the arm (4.2 %)."
-            expect(page.get_by_test_id("camera-seen")).to_have_text(description)
+            expect(page.get_by_test_id("camera-view")).to_have_text(description)
             assert not persistent_problems("cameras: ", lambda: violations(page, "html"))
             assert page.evaluate(CUT_OFF) == []
             page.get_by_test_id("camera-pause").click()  # moving content can be paused: WCAG 2.2.2

@@ -342,9 +342,9 @@ def test_real_robot_needs_confirmation_and_stops_when_pendant_dies(bent: Rig, br
         expect(page.locator(".robot-name")).to_contain_text("UR3")
         expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
         with hold_button(page, "joint-0-plus"):
-            expect(page.get_by_test_id("may-move")).to_be_visible()
+            expect(page.get_by_test_id("confirm-move")).to_be_visible()
         assert at_rest(bent)
-        page.get_by_test_id("may-move").click()
+        page.get_by_test_id("confirm-move").click()
         page.get_by_test_id("joint-0-plus").hover()
         page.mouse.down()
         eventually(lambda: not at_rest(bent))

@@ -104,7 +104,7 @@ def new_program(page: Page) -> None:
 def save_as(page: Page, name: str) -> None:
     page.get_by_test_id("program-save-as").click()
     page.get_by_test_id("program-name").fill(name)
-    page.get_by_test_id("program-save-it").click()
+    page.get_by_test_id("program-save-confirm").click()
     expect(page.get_by_test_id("program-title")).to_have_text(f"{name}.urp")
 
 

@@ -21,8 +21,8 @@ def build(page: Page) -> None:
             pause = ui.button("Pause", icon="pause").props("unelevated no-caps data-testid=camera-pause")
         view = _View(choice, pause)
         page.live.text(
-            lambda station: station.cameras.view_description(view.name) if view.name else "", "cameras-seen"
-        ).props("data-testid=camera-seen")
+            lambda station: station.cameras.view_description(view.name) if view.name else "", "cameras-description"
+        ).props("data-testid=camera-view")
         page.live.text(_absence_text).props("data-testid=camera-absent")
     page.live.effect(_available_cameras, view.set_cameras)
     page.live.on_show.append(view.on_screen_change)

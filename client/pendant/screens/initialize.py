@@ -80,7 +80,7 @@ def recovery_text(station: Station) -> str:
 
 def _recovery_button(page: Page) -> None:
     button = ui.button(on_click=page.handler(lambda: _recover(page.station)))
-    button.props("unelevated icon=lock_reset data-testid=unlock").classes("init-way-out")
+    button.props("unelevated icon=lock_reset data-testid=unlock").classes("init-unlock")
     with button:
         page.live.text(recovery_text)
     page.live.bind(button, "title", _recovery_refusal)

@@ -20,7 +20,7 @@ def build_payload(page: Page) -> None:
     """The payload that the robot assumes: mass and centre of gravity."""
     station = page.station
     with page.panel("Payload", "installation-panel"):
-        page.live.text(_payload_text, "now-line").props("data-testid=payload-now")
+        page.live.text(_payload_text, "active-line").props("data-testid=payload-active")
         with ui.element("div").classes("six four"):
             mass = _number_field("Mass [kg]", "payload-mass")
             cog = [_number_field(f"C{axis} [mm]", f"payload-c{axis.lower()}") for axis in "XYZ"]
@@ -46,7 +46,7 @@ def build_mounting(page: Page) -> None:
     """The mounting of the base: the direction of gravity."""
     station = page.station
     with page.panel("Mounting", "installation-panel"):
-        page.live.text(_mounting_text, "now-line").props("data-testid=mounting-now")
+        page.live.text(_mounting_text, "active-line").props("data-testid=mounting-active")
         presets = ui.row().classes("items-center")
         with ui.element("div").classes("six two"):
             tilt = _number_field("Tilt [°]", "mount-tilt")

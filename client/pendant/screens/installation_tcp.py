@@ -53,12 +53,12 @@ class _Editor:
         live = self._page.live
         with ui.element("div").classes("six now"):
             for index, name in enumerate(("X", "Y", "Z", "RX", "RY", "RZ")):
-                with ui.element("div").classes("now-value"):
+                with ui.element("div").classes("active-value"):
                     ui.label(name)
-                    live.text(_element_text(index)).props(f"data-testid=tcp-now-{index}")
+                    live.text(_element_text(index)).props(f"data-testid=tcp-active-{index}")
         with ui.row().classes("items-center"):
             ui.label("In effect:").classes("soft")
-            live.text(_saved_name, "tcp-known").props("data-testid=tcp-now")
+            live.text(_saved_name, "tcp-known").props("data-testid=tcp-active")
 
     # the form
 

@@ -81,7 +81,7 @@ class PlannedMove:
             live.bind(text, "state", lambda station: self._status(station)[0])
             live.text(_source, "plan-note").props("data-testid=plan-source")
             if missing := missing_extra():
-                ui.label(missing).classes("plan-note plan-missing_extra").props("data-testid=plan-missing_extra")
+                ui.label(missing).classes("plan-note plan-missing").props("data-testid=plan-missing")
         with ui.row().classes("target-buttons"):
             present = ui.button("Present", icon="my_location", on_click=self._reset)
             present.props("flat no-caps data-testid=plan-present")

@@ -216,7 +216,7 @@ def _play_buttons(page: Page, commands: Commands, button: Callable[..., ui.butto
     )
     page.live.effect(playback.can_play_files, breakpoint_button.set_enabled)
     page.live.bind(breakpoint_button, "title", playback.stepping_refusal)
-    page.live.text(_play_note, "program-why").props("data-testid=program-why")
+    page.live.text(_play_note, "program-reason").props("data-testid=program-reason")
 
 
 def _can_step(station: Station) -> bool:

@@ -106,7 +106,7 @@ class FileButtons:
             with ui.row().classes("w-full justify-end"):
                 ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat no-caps")
                 save = ui.button("Save", on_click=lambda: dialog.submit(box.value))
-                save.props("no-caps data-testid=program-save-it")
+                save.props("no-caps data-testid=program-save-confirm")
         name = await dialog
         dialog.delete()
         if name is None:

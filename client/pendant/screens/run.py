@@ -123,7 +123,7 @@ def _control_panel(page: Page) -> None:
     with page.panel("Loaded program", "run-control"):
         page.live.text(_loaded_text, "run-loaded").props("data-testid=run-loaded")
         page.live.text(_run_time_text, "run-time").props("data-testid=run-time")
-        page.live.text(_play_refusal, "soft run-why-not").props("data-testid=run-why-not")
+        page.live.text(_play_refusal, "soft run-refusal").props("data-testid=run-refusal")
         with ui.row().classes("run-load"):
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
             box.props('aria-label="Path of a program below the programs folder"')

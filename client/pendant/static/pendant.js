@@ -63,11 +63,11 @@ const pendant = (() => {
       const seconds = Math.max(1, Math.round((Date.now() - since) / 1000));
       const reason = before === process ? "Connection to the pendant lost" : "The pendant was restarted";
       const text = `${reason}: this page was disconnected for ${seconds} s and has been reloaded. Held buttons were released.`;
-      sessionStorage.setItem("pendant told", text); // until it is confirmed: the page may be reloaded again before that
+      sessionStorage.setItem("pendant reload notice", text); // until it is confirmed: the page may be reloaded again before that
     }
-    const message = sessionStorage.getItem("pendant told");
+    const message = sessionStorage.getItem("pendant reload notice");
     if (!message) return;
-    const confirm = { label: "OK", color: "dark", handler: () => sessionStorage.removeItem("pendant told") };
+    const confirm = { label: "OK", color: "dark", handler: () => sessionStorage.removeItem("pendant reload notice") };
     Quasar.Notify.create({ message, type: "warning", position: "top", timeout: 0, actions: [confirm] });
   }
 
