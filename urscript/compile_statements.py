@@ -1,21 +1,17 @@
 """Compile statements to Python. Every generator draws its work from the meter and parks when it is empty.
 
-Compiling works in steps (`urscript.work`), but Python compiles a function without interruption. Therefore, a long body
-is divided: a group of statements large enough for one Python function becomes a separate function, a *piece*, and a
-call of the piece takes its place. A piece shares the variables of the body, which are global or items of ``_locals``.
-Its exits (return, break, continue) are passed to the caller as return values: see `_Exit`. Long parts of an expression
-become pieces, too.
+A long body is divided into pieces while it is compiled (`urscript.pieces`), and so are long parts of an expression.
 """
 
 import ast
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
 from urscript.inference import INT, is_list, is_plain
 from urscript.number_code import write_element
+from urscript.pieces import Exit, Part, Pieces, PythonFunction
 from urscript.pycode import (
     LOAD,
     Place,
@@ -28,7 +24,6 @@ from urscript.pycode import (
     load,
     place_of,
     script_position,
-    subscript,
     yield_from,
 )
 from urscript.syntax import (
@@ -72,21 +67,13 @@ _OLD_SETTERS = {"digital_out": "set_digital_out"}
 """Arrays of signals that predate the functions for them; python-urx still writes one."""
 
 
-@dataclass(frozen=True, slots=True)
-class PythonFunction:
-    """A function as Python's syntax tree. ``size``: the number of its statements and expressions."""
-
-    code: ast.stmt
-    size: int
-
-
 def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
     """The program body as the generator function ``main``, and the pieces it is divided into."""
     program = unit.program
     compiler = _BodyCompiler(unit, program.scope, "main", charged=True, divided=True)
     place = place_of(program.body[0] if program.body else Node(1, 1))
     body = yield from compiler.body(program.body, place)
-    return [*compiler.pieces, PythonFunction(function("main", [], body, place), compiler.inline)]
+    return [*compiler.pieces.functions, PythonFunction(function("main", [], body, place), compiler.inline)]
 
 
 def compile_function(
@@ -113,13 +100,13 @@ def compile_function(
     if plan.recursive:
         parameters.insert(0, "_depth")
     body = yield from compiler.body(definition.body, place)
-    if compiler.pieces and not lasting:
-        names = [load(compiler.piece_name(number), place) for number in range(len(compiler.pieces))]
-        body.insert(0, assign("_pieces", ast.Tuple(elts=names, ctx=LOAD, **place), place))
+    if compiler.pieces.functions and not lasting:
+        pieces = ast.Tuple(elts=compiler.pieces.names(place), ctx=LOAD, **place)
+        body.insert(0, assign("_pieces", pieces, place))
     if compiler.boxed:
         body.insert(0, _boxed_locals(compiler, place, lends))
     size = compiler.inline + len(parameters)
-    return [*compiler.pieces, PythonFunction(function(plan.symbol, parameters, body, place), size)]
+    return [*compiler.pieces.functions, PythonFunction(function(plan.symbol, parameters, body, place), size)]
 
 
 def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
@@ -132,12 +119,7 @@ def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
     compiler = _BodyCompiler(unit, program.scope, STATEMENT, charged=True, divided=True, boxed=True, lasting=False)
     body = yield from compiler.body(program.body, place)
     whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
-    return [*compiler.pieces, PythonFunction(whole, compiler.inline)]
-
-
-def piece_name(symbol: str, number: int) -> str:
-    """Python name of a piece of a function; pieces count from 0."""
-    return f"p{number}_{symbol}"
+    return [*compiler.pieces.functions, PythonFunction(whole, compiler.inline)]
 
 
 def _boxed_locals(compiler: ExpressionCompiler, place: Place, lends: bool) -> ast.stmt:
@@ -150,25 +132,6 @@ def _boxed_locals(compiler: ExpressionCompiler, place: Place, lends: bool) -> as
         keys=[constant(name, place) for name in given], values=[load(f"v_{name}", place) for name in given], **place
     )
     return assign("_locals", call("_Locals", place, constant(names, place), arguments), place)
-
-
-_Exit: TypeAlias = ast.Return | ast.If
-"""An exit of some code: a ``return``, or an ``if`` whose body is a ``break`` or ``continue``.
-
-In a piece, they become ``return (value,)``, ``return True`` and ``return False``; a piece that runs to its end returns
-None.
-"""
-
-
-@dataclass(slots=True)
-class _Part:
-    """Code that may become a piece. exits: its exits, in their order."""
-
-    code: list[ast.stmt] = field(default_factory=list)
-    size: int = 0
-    stored_globals: set[str] = field(default_factory=set)
-    exits: list[_Exit] = field(default_factory=list)
-    place: Place | None = None
 
 
 class _BodyCompiler(ExpressionCompiler):
@@ -185,16 +148,13 @@ class _BodyCompiler(ExpressionCompiler):
         lasting: bool = True,
     ) -> None:
         super().__init__(unit, scope, recursive=recursive, boxed=boxed)
-        self.pieces: list[PythonFunction] = []
-        self._symbol = symbol
-        self._lasting = lasting  # pieces are looked up by name
-        self._shared = [  # variables that are passed to a piece
+        shared = [
             *(["_locals"] if boxed else []),
             *([] if lasting else ["_pieces"]),
             *(["_depth"] if recursive else []),
         ]
-        self._exits: list[_Exit] = []  # exits of the code being compiled, like `stored_globals`
-        self._size_in_pieces = 0  # the part of the size that is in pieces
+        self.pieces = Pieces(symbol, shared, lasting=lasting)
+        self._exits: list[Exit] = []  # exits of the code being compiled, like `stored_globals`
         self._counted = 0  # the part of the size whose work has been yielded
         self._charged = charged  # a generator, so that it can park
         self._divided = divided
@@ -210,10 +170,7 @@ class _BodyCompiler(ExpressionCompiler):
     @property
     def inline(self) -> int:
         """Size of the code that is not in pieces."""
-        return self.size - self._size_in_pieces
-
-    def piece_name(self, number: int) -> str:
-        return piece_name(self._symbol, number)
+        return self.size - self.pieces.size
 
     def body(self, statements: list[Statement], place: Place) -> Steps[list[ast.stmt]]:
         """The complete Python body of the function."""
@@ -268,7 +225,7 @@ class _BodyCompiler(ExpressionCompiler):
         of pieces.
         """
         outer, outer_exits = self.stored_globals, self._exits
-        levels = [_Part()]  # statements, calls of pieces, calls of pieces of such, ...
+        levels = [Part()]  # statements, calls of pieces, calls of pieces of such, ...
         for run, work in _runs(statements, extra):
             levels[0].code += charge(work, place_of(run[0]), park=True)
             for statement in run:
@@ -289,66 +246,28 @@ class _BodyCompiler(ExpressionCompiler):
             outer_exits += part.exits
         return code
 
-    def _move(self, levels: list[_Part], enough: int) -> None:
+    def _move(self, levels: list[Part], enough: int) -> None:
         """Turn the levels that are large enough into pieces, starting with the statements."""
         for level, part in enumerate(levels):
             if part.size < enough or part.place is None:
                 continue
             if level + 1 == len(levels):
                 if enough == _REST:
-                    levels[level] = self._called(part, part.place)
+                    levels[level] = self._moved(part, part.place)
                     return
-                levels.append(_Part())
-            above, run = levels[level + 1], self._called(part, part.place)
+                levels.append(Part())
+            above, run = levels[level + 1], self._moved(part, part.place)
             above.place = above.place or part.place
             above.code += run.code
             above.exits += run.exits
             above.size += run.size
-            levels[level] = _Part()
+            levels[level] = Part()
 
-    def _called(self, part: _Part, place: Place) -> _Part:
-        """Move code into a piece; return the code that calls it and passes on its exits, and that stores no globals."""
-        exits, before = part.exits, self.inline - part.size
-        words = {exit_.body[0].__class__ for exit_ in exits if isinstance(exit_, ast.If)}
-        for exit_ in exits:
-            if isinstance(exit_, ast.If):
-                exit_.body[0] = ast.Return(constant(isinstance(exit_.body[0], ast.Break), place), **place)
-            else:
-                exit_.value = ast.Tuple([exit_.value or constant(None, place)], LOAD, **place)
-        run = self._run_piece(part.code, part.size, part.stored_globals, place)
-        if not exits:
-            return _Part([ast.Expr(value=run, **place)], self.inline - before, place=place)
-        code: list[ast.stmt] = [assign("_exit", run, place)]
-        left: list[_Exit] = []
-        for word, value in ((ast.Break, True), (ast.Continue, False)):
-            if word in words:
-                passed_on = self._exit_if(ast.Is(), value, word(**place), place)
-                code.append(passed_on)
-                left.append(passed_on)
-        if any(isinstance(exit_, ast.Return) for exit_ in exits):
-            back = ast.Return(subscript(load("_exit", place), 0, place), **place)
-            code.append(self._exit_if(ast.IsNot(), None, back, place))
-            left.append(back)
-        self.size += len(code)
-        return _Part(code, self.inline - before, exits=left, place=place)
-
-    def _exit_if(self, test: ast.cmpop, value: bool | None, then: ast.stmt, place: Place) -> ast.If:
-        """``if _exit is value: then``"""
-        compared = ast.Compare(left=load("_exit", place), ops=[test], comparators=[constant(value, place)], **place)
-        return ast.If(test=compared, body=[then], orelse=[], **place)
-
-    def _run_piece(self, code: list[ast.stmt], size: int, stored_globals: set[str], place: Place) -> ast.expr:
-        """Create a piece; return the ``yield from`` that runs it."""
-        number, name = len(self.pieces), self.piece_name(len(self.pieces))
-        # The unreachable yield makes it a generator, whatever it contains.
-        code = [*code, ast.Return(value=None, **place), ast.Expr(ast.Yield(value=None, **place), **place)]
-        if stored_globals:
-            code.insert(0, ast.Global(names=sorted(stored_globals), **place))
-        self.pieces.append(PythonFunction(function(name, self._shared, code, place), size))
-        self._size_in_pieces += size
-        self.size += 1
-        piece = load(name, place) if self._lasting else subscript(load("_pieces", place), number, place)
-        return yield_from(ast.Call(piece, [load(shared, place) for shared in self._shared], [], **place), place)
+    def _moved(self, part: Part, place: Place) -> Part:
+        """Move code into a piece; return the code that calls it."""
+        calling = self.pieces.move(part, place)
+        self.size += calling.size
+        return calling
 
     # long expressions
 
@@ -393,7 +312,8 @@ class _BodyCompiler(ExpressionCompiler):
         alone = len(nodes) == 1
         returned = values[0] if alone else ast.Tuple(elts=values, ctx=LOAD, **place)
         code: list[ast.stmt] = [ast.Return(value=returned, **place)]
-        run = self._run_piece(code, self.inline - before, self.stored_globals, place)
+        run = self.pieces.add(code, self.inline - before, self.stored_globals, place)
+        self.size += 1
         self.stored_globals = outer
         self.hoisted[id(nodes[0])] = (len(nodes), run if alone else ast.Starred(value=run, ctx=LOAD, **place))
         yield from self._count()
@@ -494,9 +414,9 @@ class _BodyCompiler(ExpressionCompiler):
         """Compile an if. In a long chain of branches, the last become a piece, then those before them, and so on."""
         heavy = _is_heavy(node)
         outer, outer_exits = self.stored_globals, self._exits
-        branches: list[tuple[ast.expr, _Part]] = []
+        branches: list[tuple[ast.expr, Part]] = []
         for condition, statements in [*node.branches, (None, node.otherwise)]:
-            part, before = _Part(), self.inline
+            part, before = Part(), self.inline
             self.stored_globals, self._exits = part.stored_globals, part.exits
             if condition is not None:
                 if self._divided and node.cost > _PIECE:
@@ -510,10 +430,10 @@ class _BodyCompiler(ExpressionCompiler):
         for (test, part), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
             at = place_of(source)
             if self._divided and rest.size >= _PIECE and rest.place is not None:
-                rest = self._called(rest, rest.place)
+                rest = self._moved(rest, rest.place)
             branch = ast.If(test=test, body=part.code or [ast.Pass(**at)], orelse=rest.code, **at)
             stored = part.stored_globals | rest.stored_globals
-            rest = _Part([branch], part.size + rest.size, stored, part.exits + rest.exits, at)
+            rest = Part([branch], part.size + rest.size, stored, part.exits + rest.exits, at)
             yield _BRANCH_WORK
         self.stored_globals |= rest.stored_globals
         self._exits += rest.exits

@@ -16,10 +16,11 @@ from urproto.versions import Availability, PolyscopeVersion
 from urscript.analysis import FunctionPlan, plan_functions
 from urscript.builtins import Builtin, LibrarySet
 from urscript.compile_expressions import CallWarning, Unit
-from urscript.compile_statements import PythonFunction, compile_function, compile_main
+from urscript.compile_statements import compile_function, compile_main
 from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
 from urscript.parser import discard, normalize, parse
+from urscript.pieces import PythonFunction
 from urscript.syntax import Label, Program, ProgramKind
 from urscript.work import Steps, release, run_to_end
 

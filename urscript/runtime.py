@@ -34,12 +34,13 @@ from typing import Any, Final, NoReturn, Protocol, cast
 from urscript import inline_calls, operators
 from urscript.analysis import MAX_CALL_DEPTH
 from urscript.builtins import OMITTED, Builtin
-from urscript.compile_statements import STATEMENT, piece_name
+from urscript.compile_statements import STATEMENT
 from urscript.compiler import FILE_NAME, CompiledProgram
 from urscript.errors import RuntimeFault, ScriptRuntimeError
 from urscript.interpreter import STATEMENT_FILE, CompiledStatement, Locals
 from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
+from urscript.pieces import piece_name
 from urscript.pycode import instruction_position, script_line
 from urscript.values import TYPE_NAMES, UNSET, Value
 
