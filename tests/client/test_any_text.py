@@ -22,7 +22,7 @@ def test_a_script_goes_out_as_it_is_in_its_file() -> None:
     assert next(iter(PrimaryCore().send_script(from_bytes(script)))) == script + b"\n"
 
 
-def test_what_a_robot_says_is_shown_on_the_pendant() -> None:
+def test_messages_of_a_robot_are_shown_on_the_pendant() -> None:
     sent = PopupMessage(request_id=1, title=from_bytes(LATIN), text=from_bytes(LATIN))
     greeting = VersionMessage.of(VERSION, "today").encode(VERSION)
     _, received = PrimaryDecoder().feed(greeting + sent.encode(VERSION))

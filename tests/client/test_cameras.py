@@ -70,13 +70,13 @@ def test_what_is_not_there_is_one_clear_line(served: Served, client: CameraClien
         json.dumps({"cameras": [{**OVERVIEW.as_json(), "width": 0}]}).encode(),
     ],
 )
-def test_what_is_no_list_of_cameras_is_told(served: Served, client: CameraClient, index: bytes) -> None:
+def test_an_invalid_list_of_cameras_is_reported(served: Served, client: CameraClient, index: bytes) -> None:
     served.answers["/cameras"] = (200, {}, index)
     with pytest.raises(CameraError, match="is not a camera server"):
         client.cameras()
 
 
-def test_pictures_that_are_none_are_told(served: Served, client: CameraClient) -> None:
+def test_invalid_images_are_reported(served: Served, client: CameraClient) -> None:
     served.answers[STILL] = (200, {}, JPEG)
     with pytest.raises(CameraError, match="does not report the time and pose of an image"):
         client.shot(OVERVIEW, "rgb.jpg")
@@ -89,7 +89,7 @@ def test_pictures_that_are_none_are_told(served: Served, client: CameraClient) -
         _ = Shot(OVERVIEW, "rgb.jpg", JPEG, 0.0, POSE).arrays
 
 
-def test_a_follower_says_once_that_pictures_are_lost_and_goes_on(served: Served) -> None:
+def test_a_follower_reports_lost_images_once_and_continues(served: Served) -> None:
     taken, reported = threading.Semaphore(0), list[str]()
     again = threading.Event()
 

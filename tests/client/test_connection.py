@@ -97,7 +97,7 @@ def test_reconnecting_begins_the_time_anew(serve, run: Run):
 
 
 @both_shells
-def test_nobody_to_reconnect_to(serve, run: Run, monkeypatch):
+def test_reconnecting_without_a_server(serve, run: Run, monkeypatch):
     """The attempts end with their time; their error is the flow's to handle."""
     port = serve(echo)
 
@@ -117,7 +117,7 @@ def refuse(*_: object) -> None:
 
 
 @both_shells
-def test_a_flow_that_asks_for_nothing(serve, run: Run):
+def test_a_flow_without_requests(serve, run: Run):
     def flow():
         yield from ()
         return 5

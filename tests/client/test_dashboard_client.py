@@ -112,7 +112,7 @@ async def test_async_operations(serve):
         assert [await robot.request(operation) for operation, _ in ASKED] == [expected for _, expected in ASKED]
 
 
-def test_a_refusal_tells_request_and_answer(serve):
+def test_a_refusal_names_request_and_answer(serve):
     with BlockingDashboardClient("127.0.0.1", serve(answer_from_table)) as robot:
         with pytest.raises(RobotRefused, match="Failed to execute: play") as refused:
             robot.request(dashboard.PLAY)
@@ -161,7 +161,7 @@ def test_what_the_version_lacks_is_not_sent():
         next(again)
 
 
-def test_the_mode_nobody_can_set():
+def test_the_mode_that_cannot_be_set():
     with pytest.raises(LocalProtocolError, match="CLEAR_OPERATIONAL_MODE"):
         dashboard.set_operational_mode(OperationalMode.NONE)
 
@@ -195,7 +195,7 @@ BUILDERS = [
 ]
 
 
-def test_every_command_can_be_asked():
+def test_every_command_has_an_operation():
     operations = [*(value for value in vars(dashboard_commands).values() if isinstance(value, Operation)), *BUILDERS]
     rows = {_words(operation.line): operation.available for operation in operations}
     assert rows == {words: row.available for words, row in COMMANDS.items()}
@@ -206,7 +206,7 @@ def _words(line: str) -> str:
     return max((words for words in COMMANDS if f"{line.lower()} ".startswith(f"{words} ")), key=len, default=line)
 
 
-def test_what_every_controller_has_is_asked_without_its_version():
+def test_commands_of_every_version_are_sent_without_requesting_the_version():
     """Commands that came before 3.0 are in all versions that there are: asking needs no other exchange."""
     everywhere = {row.line for row in vars(dashboard_commands).values() if getattr(row, "in_every_version", False)}
     assert everywhere >= {"play", "quit", "programState", "PolyscopeVersion", "power on"}
@@ -260,7 +260,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one():
     assert end.value.value is RobotMode.IDLE
 
 
-def test_lines_nobody_has_asked_for_are_no_answers():
+def test_unsolicited_lines_are_not_answers():
     core = DashboardCore()
     first = core.request(dashboard.STOP)
     assert sent(first) == b"stop\n"
@@ -283,7 +283,7 @@ def test_another_greeting(serve):
         pytest.fail("entered")
 
 
-def test_nobody_listens(serve):
+def test_no_server(serve):
     port = serve(answer_from_table) + 0
     with socket.create_server(("127.0.0.1", 0)) as free:
         unused = free.getsockname()[1]
@@ -295,7 +295,7 @@ def test_nobody_listens(serve):
         pytest.fail("entered")
 
 
-async def test_nobody_listens_async():
+async def test_no_server_async():
     with socket.create_server(("127.0.0.1", 0)) as free:
         unused = free.getsockname()[1]
     with pytest.raises(RobotUnreachableError, match="check the address"):

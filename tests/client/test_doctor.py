@@ -45,7 +45,7 @@ def test_late_states_are_jitter() -> None:
     assert "cable" in found["jitter"].mend
 
 
-def test_one_late_state_in_a_thousand_is_said_but_no_reason_to_mend_anything() -> None:
+def test_one_late_state_in_a_thousand_is_reported_without_advice() -> None:
     arrivals = regular(1000)
     arrivals[500] += 0.02
     found = grades(regular(1000), arrivals)
@@ -94,7 +94,7 @@ def test_governors(tmp_path: Path) -> None:
     assert governor(tmp_path).grade is Grade.GOOD
 
 
-def test_other_systems_say_what_they_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_systems_report_which_checks_they_lack(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.platform", "darwin")
     found = list(examine_machine())
     assert [finding.grade for finding in found] == [Grade.UNKNOWN] * 3

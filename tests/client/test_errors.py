@@ -21,7 +21,7 @@ def test_one_base_class_catches_whatever_the_client_raises_about_a_robot() -> No
     assert client.URError is URError
 
 
-def test_nobody_lists_the_kinds_of_errors_again() -> None:
+def test_the_kinds_of_errors_are_listed_once() -> None:
     """Who catches both the client's errors and a robot's refusal means `URError`."""
     kinds = {"ClientError", "RobotRefused"}
     lists = [

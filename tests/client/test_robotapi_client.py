@@ -73,7 +73,7 @@ async def test_every_request(robot: Emulator) -> None:
             await api.request(robotapi.RESUME)
 
 
-async def test_an_older_api_is_asked_as_it_wants_it(tmp_path: Path) -> None:
+async def test_an_older_api_gets_requests_of_its_version(tmp_path: Path) -> None:
     (tmp_path / "job.urpx").write_bytes(empty_urpx("job"))
     async with (
         emulated("10.11", tmp_path) as robot,

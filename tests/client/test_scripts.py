@@ -145,7 +145,7 @@ def test_a_program_that_is_stopped_has_not_come_to_its_end(ended):
         ("def f():\n  if x:\n    y = 1\n  end", False),
     ],
 )
-def test_what_can_tell_its_end(text, can_report_end):
+def test_programs_that_can_report_their_end(text, can_report_end):
     script = with_end_message(prepare(text))
     assert bool(script.end_message) is can_report_end
     assert (script.text != text) is can_report_end
@@ -249,7 +249,7 @@ def test_a_safety_stop_fails_the_program(encoded_messages, text):
     assert (failed.value.text, failed.value.line, failed.value.name) == (text, 0, "hello")
 
 
-def test_a_warning_fails_the_program_where_it_is_asked_to():
+def test_a_warning_fails_the_program_if_requested():
     robot = Robot(encoded(key(PROGRAM_STARTED, "hello")), encoded(CODE))
     core = PrimaryCore()
     run = robot.run(core.start(PROGRAM, failing=(ReportLevel.WARNING,)))

@@ -124,7 +124,7 @@ async def test_it_connects_again(robot: Robot, tmp_path: Path) -> None:
     assert ["closed the connection" in reported[0], len(reported)] == [True, 2]
 
 
-async def test_nobody_reads_the_device(robot: Robot, tmp_path: Path) -> None:
+async def test_an_unread_device(robot: Robot, tmp_path: Path) -> None:
     """More than a terminal holds is lost, and nothing stands still."""
     device = tmp_path / "ttyUR"
     async with ToolCommunication(HOST, robot.port, device):

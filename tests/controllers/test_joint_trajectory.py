@@ -61,7 +61,7 @@ def test_speed_scaling_stretches_time():
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_the_plain_controller_ignores_the_scaling_unless_told_where_it_is():
+def test_the_plain_controller_ignores_the_scaling_without_its_interface():
     for scaling, there in ({}, 1.0), ({"speed_scaling": {"state_interface": SCALING}}, 0.5):
         bench, jtc = started(**scaling)
         bench.joints.states[SCALING] = 0.5
@@ -329,7 +329,7 @@ def test_speeds_alone_are_integrated_where_that_is_allowed():
     assert bench.q == pytest.approx((1.0, 2.0), abs=0.02)
 
 
-def test_a_trajectory_that_nobody_renews_is_given_up_after_its_timeout():
+def test_a_trajectory_that_is_not_renewed_ends_after_its_timeout():
     bench, jtc = started(cmd_timeout=0.5, constraints={"elbow_joint": {"goal": 0.01}})
     bench.joints.stuck.add("elbow_joint")
     jtc.command(trajectory(point(1.0, 1.0, 1.0)))
@@ -371,7 +371,7 @@ def test_from_the_desired_state_on_request():
         assert bench.joints.commands["elbow_joint/position"] == pytest.approx(there, abs=0.01)
 
 
-def test_feedback_says_how_it_goes():
+def test_feedback_reports_progress():
     bench, jtc = started()
     handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0), point(2.0, 3.0, 1.0)))
     bench.run(1.5)

@@ -119,7 +119,7 @@ def test_an_interface_that_is_not_there():
         bench.manager.activate("other")
 
 
-def test_names_that_nobody_knows():
+def test_unknown_names():
     manager = Bench().manager
     with pytest.raises(ControllerError, match="it is not loaded"):
         manager.configure("jtc")

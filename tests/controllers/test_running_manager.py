@@ -246,7 +246,7 @@ HELLO = b'{"protocol":1}\n'
         (HELLO + b"x" * (protocol.MAX_REQUEST + 10) + b"\n", "bytes at most"),
     ],
 )
-async def test_who_talks_nonsense_is_told_so_and_sent_away(manager, data, answer):
+async def test_invalid_messages_are_answered_with_an_error_and_disconnected(manager, data, answer):
     async with served(manager) as place:
         reader, writer = await _open(place)
         writer.write(data)
@@ -300,7 +300,7 @@ def test_bytes_are_a_message_or_a_manager_error(line):
         assert isinstance(protocol.decoded(line), dict)
 
 
-async def test_who_never_reads_holds_up_nobody(manager, monkeypatch):
+async def test_a_client_that_never_reads_delays_no_other(manager, monkeypatch):
     monkeypatch.setattr(serving, "_DRAIN_S", 0.3)
     for number in range(40):  # long answers
         await manager.load(f"jtc{number}", "joint_state_broadcaster/JointStateBroadcaster", {})
@@ -332,7 +332,7 @@ async def test_too_many_connections_are_refused(manager, monkeypatch):
 # where they meet
 
 
-async def test_without_a_manager_one_is_told_how_to_start_it(manager):
+async def test_without_a_manager_the_error_explains_how_to_start_it(manager):
     with pytest.raises(NoManagerError, match=f"ur-client controllers serve --robot-ip {ROBOT}"):
         async with remote():
             pass
@@ -384,7 +384,7 @@ async def test_a_manager_that_was_killed_is_none_and_the_next_one_takes_its_plac
         assert other.pid == os.getpid()
 
 
-async def test_the_end_of_the_manager_is_told(manager):
+async def test_the_end_of_the_manager_is_reported(manager):
     async with contextlib.AsyncExitStack() as ending:
         await ending.enter_async_context(served(manager))
         shell = await remote().__aenter__()

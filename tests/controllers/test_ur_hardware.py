@@ -280,7 +280,7 @@ def test_after_a_protective_stop_the_program_may_be_missing_for_a_while(seconds,
     assert handle.done is not survives
 
 
-def test_a_program_that_starts_again_is_as_fast_as_it_says_at_once():
+def test_a_restarted_program_has_its_reported_speed_immediately():
     """The speed scaling rises slowly for goals that waited: with a program that ended, goals ended, too."""
     arm = Arm()
     arm.driver.program_running = False

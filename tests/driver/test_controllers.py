@@ -255,7 +255,7 @@ async def test_inputs_outputs_and_status(robot):
 
 
 @ON_E_SERIES
-async def test_freedrive_lasts_as_long_as_it_is_asked_for(robot):
+async def test_freedrive_lasts_as_long_as_requested(robot):
     async with controlled(robot, "freedrive_mode_controller") as bench:
         controller = bench.controller("freedrive_mode_controller")
         for _ in range(2):

@@ -73,7 +73,7 @@ def options(robot):
     return ManagerOptions(HOST, driver_options(robot))
 
 
-async def test_who_is_to_make_ready_waits_for_a_program_that_somebody_loads_and_plays(capsys, caplog):
+async def test_make_ready_waits_for_a_program_that_is_loaded_and_played(capsys, caplog):
     """Not headless, an arm that is off, nothing loaded; the second time the program is there, and is played."""
     async with emulator("ur5e") as robot, DashboardClient(HOST, port=robot.ports["dashboard"]) as board:
         await board.request(dashboard.POWER_OFF)

@@ -150,7 +150,7 @@ SAID = [
 
 
 @pytest.mark.parametrize("data", SAID)
-async def test_nobody_else_takes_the_place_of_a_robot(data):
+async def test_no_other_client_takes_the_place_of_a_robot(data):
     """Or that of no robot: who knows no token waits, or is sent away."""
     async with ReverseEndpoint(0, HOST) as reverse:
         reverse.token = TOKEN
@@ -188,7 +188,7 @@ async def test_without_a_token_the_next_one_waits_until_the_robot_has_left():
         second.close()
 
 
-async def test_with_a_token_nobody_who_waits_takes_the_place_of_a_robot_that_has_left():
+async def test_with_a_token_no_waiting_client_takes_the_place_of_a_robot_that_has_left():
     async with ReverseEndpoint(0, HOST) as reverse:
         reverse.token = TOKEN
         robot = await Robot.at(reverse)
@@ -232,7 +232,7 @@ async def test_another_robot_is_sent_away(caplog):
         second.close()
 
 
-async def test_what_the_robot_says_on_the_reverse_interface_is_ignored():
+async def test_data_from_the_robot_on_the_reverse_interface_is_ignored():
     async with ReverseEndpoint(0, HOST) as reverse:
         robot = await Robot.at(reverse)
         await reverse.wait_connected()
@@ -356,7 +356,7 @@ async def test_what_was_left_of_an_earlier_question_answers_no_later_one():
         second.close()
 
 
-async def test_the_program_is_given_to_whoever_asks_and_the_connection_stays():
+async def test_every_client_that_requests_the_program_gets_it_and_stays_connected():
     text = "textmsg(1)\n# NODE_CONTROL_LOOP_ENDS"
     async with ScriptSender(lambda: text, 0, HOST) as sender:
         robots = [await Robot.at(sender) for _ in range(2)]
@@ -404,7 +404,7 @@ async def test_closing_ends_every_connection():
     await reverse.close()
 
 
-async def test_who_is_accepted_while_the_port_closes_is_not_left_open() -> None:
+async def test_a_client_accepted_while_the_port_closes_is_not_left_open() -> None:
     """A looping External Control program asks again in the moment in which the driver ends."""
     for rounds in range(5):
         async with ScriptSender(lambda: "program", 0, HOST) as endpoint:

@@ -28,7 +28,7 @@ async def move_again(pair):
     assert await pair.driver.execute([points.movej(here, v=1, a=5)], PATIENCE_S) is TrajectoryResult.SUCCESS
 
 
-async def test_callers_are_told_when_the_program_comes_and_goes(connect):
+async def test_callers_are_notified_when_the_program_connects_and_disconnects(connect):
     async with connect(start=False) as pair:
         reported = []
         pair.driver.on_program_state(reported.append)
@@ -93,7 +93,7 @@ async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect)
         assert not pair.driver.loss_reason
 
 
-async def test_two_who_start_the_program_get_one(connect):
+async def test_two_simultaneous_starts_start_one_program(connect):
     async with connect(start=False) as pair:
         reported = []
         pair.driver.on_program_state(reported.append)
@@ -179,7 +179,7 @@ async def test_a_program_that_is_started_again_beside_silent_strangers_takes_ove
 
 
 @pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
-async def test_a_control_program_that_says_nothing_is_admitted_while_a_program_runs(connect):
+async def test_a_silent_control_program_is_admitted_while_a_program_runs(connect):
     """As the vendor's; and the one that follows it. Strangers are not, whatever runs."""
     async with connect(start=False) as pair:
         foreign = replace(pair.driver.program.control_program(), token="").render_headless(pair.driver.version)

@@ -113,7 +113,7 @@ def test_ctrl_c_stops_the_arm_softly_and_finishes_the_recording(emulator, tmp_pa
     assert max(braking) < 10.0  # rad/s2
 
 
-def test_what_is_asked_for_is_recorded(emulator, tmp_path: Path) -> None:
+def test_requested_fields_are_recorded(emulator, tmp_path: Path) -> None:
     file = tmp_path / "run.csv"
     fields = ("--fields", "actual_q,robot_mode", "--fields", "payload")
     result = call("record", str(file), *fields, "--frequency", "50", "--duration", "0.4", "--robot-ip", emulator.host)

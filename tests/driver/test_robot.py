@@ -128,7 +128,7 @@ async def test_servoing_paces_and_follows(lab):
     assert arm.tcp_pose[0] == pytest.approx(x + 0.01, abs=1e-3)
 
 
-async def test_a_target_too_far_for_servoing_is_told(lab):
+async def test_a_target_too_far_for_servoing_is_reported(lab):
     async def jump():
         async with lab.arm.servo_j() as follow, timeout(PATIENCE_S):
             while True:
@@ -288,7 +288,7 @@ async def test_a_program_lost_through_our_own_fault_is_back_and_rests(lab, monke
     await lab.arm.move_j(HOME, **FAST)
 
 
-async def test_the_program_counts_as_ended_as_soon_as_the_robot_says_so(lab):
+async def test_the_program_counts_as_ended_as_soon_as_the_robot_reports_it(lab):
     """Also where its connections linger."""
     await lab.arm.make_ready()
     assert lab.driver.program_running
@@ -336,7 +336,7 @@ async def test_leaving_stops_a_move_in_the_background(enter):
     await lab.until(lambda: lab.at_rest and lab.program_ended)
 
 
-async def test_a_failure_nobody_asked_for_is_raised_on_leaving(enter):
+async def test_a_failure_that_was_not_awaited_is_raised_on_leaving(enter):
     async def look_away():
         async with enter() as lab:
             await under_way(lab)
@@ -472,7 +472,7 @@ async def test_an_emergency_stop_says_what_to_do(lab):
     await lab.arm.move_j(HOME, **FAST)
 
 
-async def test_a_program_that_somebody_ended_is_not_started_again_by_itself(lab):
+async def test_a_program_ended_by_a_user_is_not_restarted_automatically(lab):
     await under_way(lab)
     lab.robot.controller.programs.stop()
     with pytest.raises(ProgramEndedError, match=r"move_j.*it was stopped on the robot.*make_ready\(\)"):
@@ -483,7 +483,7 @@ async def test_a_program_that_somebody_ended_is_not_started_again_by_itself(lab)
     await lab.arm.move_j(HOME, **FAST)
 
 
-async def test_what_the_robot_will_not_execute_is_told_in_its_words(lab):
+async def test_the_error_for_a_rejected_command_quotes_the_robot(lab):
     rest = (0.0,) * 6
     with pytest.raises(MotionError, match=r"the sequence.*too far away"):
         await lab.arm.sequence([points.spline(off(3.0), rest, 0.01), points.spline(HOME, rest, 1.0)])

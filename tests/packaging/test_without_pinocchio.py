@@ -64,7 +64,7 @@ def test_features_that_need_pinocchio_are_refused_by_name(tmp_path: Path) -> Non
         assert done.stderr.count("\n") == 1
 
 
-def test_planning_says_what_is_missing() -> None:
+def test_planning_reports_what_is_missing() -> None:
     done = run("\nimport client.planning")
     assert done.returncode == 1
     assert "planning needs Pinocchio (pip install pin)" in done.stderr.splitlines()[-1]

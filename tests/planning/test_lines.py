@@ -245,7 +245,7 @@ def test_a_line_is_slow_near_a_singularity_and_ends_at_one() -> None:
         planner.plan((*straight[:4], -0.3, 0.2), PoseGoal(goal, tcp), planner="LIN")
 
 
-def test_ptp_goes_straight_or_says_which_obstacle_blocks_it() -> None:
+def test_ptp_goes_straight_or_reports_the_obstacle_that_blocks_it() -> None:
     scene = PlanningScene("ur5e")
     planner = Planner(scene)
     there = (3.6, *START[1:])

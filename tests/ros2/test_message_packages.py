@@ -191,7 +191,7 @@ def test_what_was_interrupted_is_gone_and_does_not_hinder(tmp_path, builder):
     assert ensure(cache=tmp_path / "cache").prefix.is_dir()
 
 
-def test_a_failure_is_told_with_its_cause_and_leaves_nothing_half(tmp_path, builder, monkeypatch):
+def test_a_failure_is_reported_with_its_cause_and_leaves_nothing_unfinished(tmp_path, builder, monkeypatch):
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(
         Ros2Error, match=r"cannot build the message packages .*ur_msgs: no compiler for ur_msgs\. Details: .*\.log"

@@ -34,7 +34,7 @@ UNTIL = "/trajectory_until_node/execute"
 TRIGGERED, NOT_TRIGGERED = 0, 1
 
 
-async def test_a_goal_moves_the_arm_and_tells_how_it_goes(lab: Lab) -> None:
+async def test_a_goal_moves_the_arm_and_reports_progress(lab: Lab) -> None:
     answer = await follow(lab, SCALED, shifted(0.4), 1.5)
     assert (answer["status"], answer["result"]["error_code"]) == (SUCCEEDED, 0)
     assert answer["result"]["error_string"] == "Goal successfully reached!"
