@@ -270,13 +270,13 @@ async def follow(
             await arm.request("switch_controller", deactivate=[name])
         else:
             await arm.request("cancel_goal", goal=number)
-        await rest(arm)
+        await wait_until_at_rest(arm)
         raise
-    await rest(arm)  # the goal succeeds once within tolerance: the arm may still be moving
+    await wait_until_at_rest(arm)  # the goal succeeds once within tolerance: the arm may still be moving
     return Result(ErrorCode(goal["error_code"]), goal["error_string"])
 
 
-async def rest(arm: ArmAccess) -> None:
+async def wait_until_at_rest(arm: ArmAccess) -> None:
     """Wait until the arm is at rest, at most a few seconds of robot time."""
     state = await arm.request("robot_state")
     end_s = state["time_s"] + _REST_S

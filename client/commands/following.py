@@ -129,14 +129,14 @@ def follow(
     sinks = tuple(sinks)
     clock = _Clock(duration_s)
     try:
-        while not clock.over:
+        while not clock.finished:
             try:
                 state = interrupts.wait(robot.receive)
             except ClientError as error:
                 typer.echo(f"{error} (reconnecting; Ctrl-C ends it)", err=True)
                 interrupts.wait(lambda: _reconnect(robot))
                 continue
-            clock.see(state)
+            clock.update(state)
             for sink in sinks:
                 sink(state)
     except KeyboardInterrupt:  # the usual way to end
@@ -152,10 +152,10 @@ class _Clock:
         self._last_s: float | None = None
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         return self._duration_s is not None and self._elapsed_s >= self._duration_s - 1e-6
 
-    def see(self, state: Mapping[str, Any]) -> None:
+    def update(self, state: Mapping[str, Any]) -> None:
         if self._duration_s is None:
             return
         now_s = state["timestamp"]

@@ -18,9 +18,9 @@ from client.commands.control import (
     Target,
     follow,
     print_result,
-    rest,
     run,
     until,
+    wait_until_at_rest,
 )
 from client.commands.following import PortOffset, RobotIP
 from client.commands.record import Overwrite, check_free
@@ -190,7 +190,7 @@ async def forward(
         finally:
             if not position:
                 await arm.request("forward_command", controller=name, values=[0.0] * len(values))
-            await rest(arm)
+            await wait_until_at_rest(arm)
         reached = (await arm.request("robot_state"))["positions"]
     typer.echo(f"{name}: the arm is at {', '.join(f'{q:.3f}' for q in reached.values())} rad")
 

@@ -75,7 +75,7 @@ class DialoguePlayer:
         return None
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         """False: the client closes the connection."""
         return False
 

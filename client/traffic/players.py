@@ -48,7 +48,7 @@ class Player(Protocol):
         """Time of the next bytes to send; None if that depends on the client."""
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         """Whether the robot has closed the connection."""
 
 
@@ -128,7 +128,7 @@ class Broadcast:
         return self._begin_s + position_s / self._timing.speed
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         """Whether everything was sent."""
         return self._next == len(self._script.messages) and not self._timing.loop
 
@@ -161,7 +161,7 @@ class SequentialPlayer:
         """The server's bytes due by now."""
         sent = b""
         self._match_client_pieces(now_s)
-        while (due_s := self.next_s) is not None and due_s <= now_s and not self.over:
+        while (due_s := self.next_s) is not None and due_s <= now_s and not self.finished:
             sent += self._pieces[self._next].data
             self._step(due_s)
             self._match_client_pieces(due_s)
@@ -187,6 +187,6 @@ class SequentialPlayer:
         return None
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         """Whether the server has sent everything."""
         return not any(piece.from_server for piece in self._pieces[self._next :])

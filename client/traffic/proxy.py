@@ -128,7 +128,7 @@ class Proxy:
         relays = list(self._relays)
         for relay in relays:
             relay.close()
-        await asyncio.gather(*(relay.over.wait() for relay in relays))
+        await asyncio.gather(*(relay.finished.wait() for relay in relays))
         if self._recorder is not None:
             self._recorder.flush()
 
@@ -187,14 +187,14 @@ class Proxy:
     # connections
 
     def _accept(self, route: Route) -> asyncio.BaseProtocol:
-        def over(relay: Relay) -> None:
+        def on_finished(relay: Relay) -> None:
             self._relays.discard(relay)
             if relay.refusal is not None:
                 self._report_refused(route, relay.refusal)
                 if route.mirrored and route.name in self._servers:
                     self._shut(route.name)
 
-        relay = Relay(route.host, route.target, route.port, self._recorder, over)
+        relay = Relay(route.host, route.target, route.port, self._recorder, on_finished)
         self._relays.add(relay)
         return relay.client
 

@@ -18,14 +18,14 @@ _LINGER: Final = struct.pack("ii", 1, 0)  # closing sends a reset
 class Relay:
     """Relays one client's connection to its server.
 
-    over: set at the end. refusal: why the server could not be reached. client: the protocol of the accepted
+    finished: set at the end. refusal: why the server could not be reached. client: the protocol of the accepted
     connection. port: the port number under which the server is recorded.
     """
 
     def __init__(
         self, host: str, target: int, port: int, recorder: TrafficRecorder | None, ended: Callable[["Relay"], None]
     ) -> None:
-        self.over = asyncio.Event()
+        self.finished = asyncio.Event()
         self.refusal: str | None = None
         self.client = _End(self, from_client=True)
         self._server: _End | None = None
@@ -102,8 +102,8 @@ class Relay:
         return self._server if end is self.client else self.client
 
     def _finish_if_closed(self) -> None:
-        if not self._open and not self.over.is_set() and (self._dialing is None or self._dialing.done()):
-            self.over.set()
+        if not self._open and not self.finished.is_set() and (self._dialing is None or self._dialing.done()):
+            self.finished.set()
             self._ended(self)
 
     # the server's end

@@ -198,7 +198,7 @@ class _Connection(asyncio.Protocol):
             return
         now_s = self._loop.time()
         self._transport.write(self._player.due(now_s))
-        if self._player.over:
+        if self._player.finished:
             self.played = True
             self._transport.close()
         elif (next_s := self._player.next_s) is not None:

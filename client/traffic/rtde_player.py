@@ -112,9 +112,9 @@ class RTDEPlayer:
         return min(times, default=None) if self._running else None
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         """Whether the last state was sent."""
-        return self._streamed and all(stream.over for stream in self._streams)
+        return self._streamed and all(stream.finished for stream in self._streams)
 
     def _reply(self, request: codec.Request, now_s: float) -> codec.Reply | None:
         match request:
@@ -212,12 +212,12 @@ class _Stream:
         self._position_s += (now_s - self._began_s) * self._timing.speed
 
     @property
-    def over(self) -> bool:
+    def finished(self) -> bool:
         return self._next == len(self._rows)
 
     @property
     def next_s(self) -> float | None:
-        if self.over:
+        if self.finished:
             return None
         if self._wait_until_s is not None:
             return self._wait_until_s
@@ -225,12 +225,12 @@ class _Stream:
 
     def due(self, now_s: float, inputs: int, protocol: int) -> bytes:
         packages = b""
-        while not self.over and self._due_s(row := self._rows[self._next]) <= now_s:
+        while not self.finished and self._due_s(row := self._rows[self._next]) <= now_s:
             if self._must_wait(row, now_s, inputs):
                 break
             packages += codec.OutputData(self._packed(row), self._number).encode(protocol)
             self._next += 1
-            if self.over and self._timing.loop:
+            if self.finished and self._timing.loop:
                 self._next, self._position_s, self._began_s = 0, -self._period_s(), now_s
         return packages
 

@@ -132,13 +132,13 @@ def test_in_order_replay_waits_for_the_same_number_of_bytes_and_the_same_time():
     player.begin(100.0)
     assert (player.due(100.0), player.next_s) == (b"", pytest.approx(100.005))
     assert player.due(100.005) == b"hi"
-    assert (player.next_s, player.over) == (None, False)
+    assert (player.next_s, player.finished) == (None, False)
     player.take(b"xy", 101.0)
     assert player.due(200.0) == b""
     player.take(b"z", 200.0)
     assert (player.due(200.0), player.next_s) == (b"", pytest.approx(200.020))
     assert player.due(200.021) == b"there"
-    assert player.over
+    assert player.finished
 
 
 @given(
@@ -157,7 +157,7 @@ def test_in_order_replay_is_complete_for_a_client_that_sends_everything(pieces, 
         sent = sent[size:]
         received += player.due(now_s)
     assert received == one.sent(from_server=True)
-    assert player.over
+    assert player.finished
 
 
 def test_a_broadcast_sends_whole_messages_at_their_times():
@@ -169,7 +169,7 @@ def test_a_broadcast_sends_whole_messages_at_their_times():
     assert player.take(b"def prog():\n", 50.001) == b""
     assert player.due(50.0049) == b""
     assert player.due(50.0051) == message
-    assert player.over
+    assert player.finished
 
 
 def test_answers_follow_the_recording_and_repeat_the_last_one():
