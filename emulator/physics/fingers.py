@@ -124,10 +124,11 @@ class Fingers:
     def update(self, data: Any, goal: float | None, period_s: float) -> None:
         """After the steps of a period: read the fingers' positions and whether an object stops them."""
         self.width = max(0.0, sum(data.qpos[self._qpos].tolist()))
-        speed = max(map(abs, data.qvel[self._dofs].tolist()))
-        load = max(map(abs, data.actuator_force[self._motors].tolist()))
-        there = goal is not None and abs(self.width - goal) < 2.0 * _LEAD_M
-        held = goal is not None and not there and speed < _STILL_M_S and load > _LOAD_SHARE * self._force
+        held = False
+        if goal is not None and abs(self.width - goal) >= 2.0 * _LEAD_M:
+            speed = max(map(abs, data.qvel[self._dofs].tolist()))
+            load = max(map(abs, data.actuator_force[self._motors].tolist()))
+            held = speed < _STILL_M_S and load > _LOAD_SHARE * self._force
         self._stopped_s = self._stopped_s + period_s if held else 0.0
 
 
