@@ -90,8 +90,8 @@ class Witness:
     def report(self) -> dict[str, float]:
         """End it: packages, lost, silence_s (the longest time without one), pace (robot time a second)."""
         out, _ = self._process.communicate(timeout=60)
-        told: dict[str, float] = json.loads(out)
-        return told
+        report: dict[str, float] = json.loads(out)
+        return report
 
 
 def witness(host: str, port: int, clients: int, rate_hz: float) -> None:
@@ -109,8 +109,8 @@ def witness(host: str, port: int, clients: int, rate_hz: float) -> None:
             if source is sys.stdin:
                 robot_s = max(seen[2] for _, seen in received.values()) - began[1]
                 packages = sum(seen[0] for _, seen in received.values())
-                told = {"packages": packages, "lost": lost, "silence_s": silence, "pace": robot_s / (now - began[0])}
-                print(json.dumps(told))
+                report = {"packages": packages, "lost": lost, "silence_s": silence, "pace": robot_s / (now - began[0])}
+                print(json.dumps(report))
                 return
             decoder, seen = received[source]  # type: ignore[index]
             data = source.recv(1 << 18)  # type: ignore[union-attr]
@@ -169,10 +169,10 @@ def said(result: Result, *texts: str) -> None:
     result.bar(not found, f"{found} tracebacks: {'…'.join(texts)[-2000:]}")
 
 
-def unharmed(result: Result, told: dict[str, float]) -> None:
+def unharmed(result: Result, report: dict[str, float]) -> None:
     """Hold a witness to having lost nothing."""
-    result.figures |= {name: round(value, 3) for name, value in told.items()}
-    result.bar(told["lost"] == 0, f"a client that behaves lost {told['lost']:.0f} packages")
+    result.figures |= {name: round(value, 3) for name, value in report.items()}
+    result.bar(report["lost"] == 0, f"a client that behaves lost {report['lost']:.0f} packages")
 
 
 def flat(result: Result, memory: Memory) -> None:
@@ -501,11 +501,11 @@ def descriptors(connections: int) -> Result:
             with suppress(OSError):
                 opened.enter_context(socket.create_connection((robot.host, port), timeout=2.0))
         time.sleep(3.0)
-        told = client.report()
-        unharmed(result, told)
+        report = client.report()
+        unharmed(result, report)
         result.figures["log_bytes"] = len(robot.output) - printed
         result.bar(len(robot.output) - printed < 20_000, f"the log grew by {len(robot.output) - printed} bytes")
-        result.bar(told["pace"] > _PACE, f"robot time went at {told['pace']:.2f} of the wall's")
+        result.bar(report["pace"] > _PACE, f"robot time went at {report['pace']:.2f} of the wall's")
         opened.close()
         result.bar(_answers(robot), "nobody is let in after the others have gone")
         said(result, robot.output)
@@ -546,9 +546,9 @@ def full_disk() -> Result:
                     cwd=ROOT,
                 )
                 texts.append(done.stdout + done.stderr)
-                told = [line for line in done.stderr.splitlines() if line.strip()]
+                report = [line for line in done.stderr.splitlines() if line.strip()]
                 result.bar(done.returncode != 0, f"recording {path.name} on a full disk ends with status 0")
-                result.bar(1 <= len(told) <= 3, f"{path.name}: {len(told)} lines say why: {done.stderr[-300:]}")
+                result.bar(1 <= len(report) <= 3, f"{path.name}: {len(report)} lines say why: {done.stderr[-300:]}")
         unharmed(result, client.report())
         said(result, robot.output, *texts)
     return result
@@ -615,8 +615,8 @@ def clock_jumps(seconds: float) -> Result:
         time.sleep(2.0)
         os.kill(robot.pid, signal.SIGCONT)
         time.sleep(1.0)
-        told = client.report()
-        unharmed(result, told)
+        report = client.report()
+        unharmed(result, report)
         result.bar(_answers(robot), "it does not answer after it slept")
         said(result, robot.output, done.stderr)
     return result
@@ -689,10 +689,14 @@ def hostile_robots(count: int) -> Result:
     result = Result("hostile robots")
     command = [sys.executable, __file__, "--work", "victims", str(count)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60 + 10 * count)
-    told = json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 else {"met": 0, "errors": {}, "strange": []}
-    result.figures |= {"robots": told["met"], "kinds_of_errors": len(told["errors"])}
-    result.bar(not told["strange"], f"{len(told['strange'])} errors are none of the library's: {told['strange'][:3]}")
-    result.bar(told["met"] == count, f"{told['met']} of {count} were met: {done.stderr[-500:]}")
+    report = (
+        json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 else {"met": 0, "errors": {}, "strange": []}
+    )
+    result.figures |= {"robots": report["met"], "kinds_of_errors": len(report["errors"])}
+    result.bar(
+        not report["strange"], f"{len(report['strange'])} errors are none of the library's: {report['strange'][:3]}"
+    )
+    result.bar(report["met"] == count, f"{report['met']} of {count} were met: {done.stderr[-500:]}")
     said(result, done.stderr)
     return result
 
@@ -719,7 +723,7 @@ def meet_robots(count: int) -> None:
             try:
                 with kinds[number % len(kinds)](robot.host) as victim:
                     if isinstance(victim, client.BlockingDashboardClient):
-                        victim.ask(ROBOT_MODE)
+                        victim.request(ROBOT_MODE)
                     elif isinstance(victim, client.BlockingPrimaryClient):
                         victim.run(victim.core.robot_state())
                     else:
@@ -790,8 +794,8 @@ def main() -> int:
         results.append(result)
     if options.json:
         machine = {"cores": os.cpu_count(), "load": os.getloadavg(), "python": platform.python_version()}
-        told = {"machine": machine, "quick": options.quick, "scenarios": [asdict(result) for result in results]}
-        options.json.write_text(json.dumps(told, indent=1) + "\n")
+        report = {"machine": machine, "quick": options.quick, "scenarios": [asdict(result) for result in results]}
+        options.json.write_text(json.dumps(report, indent=1) + "\n")
     missed = [result.name for result in results if result.missed]
     print(f"make chaos: {len(results) - len(missed)} of {len(results)} met their bars")
     return 1 if missed else 0

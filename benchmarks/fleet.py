@@ -198,18 +198,18 @@ def _serve(robots: Sequence[int], core: int, link: Connection) -> None:
 async def _serve_all(robots: Sequence[int], link: Connection) -> None:
     emulators = [Emulator(_config(index)) for index in robots]
     claim_real_time()
-    told: asyncio.Queue[str] = asyncio.Queue()
+    orders: asyncio.Queue[str] = asyncio.Queue()
     async with AsyncExitStack() as running:
         for emulator in emulators:
             await running.enter_async_context(emulator)
-        asyncio.get_running_loop().add_reader(link.fileno(), lambda: told.put_nowait(link.recv()))
+        asyncio.get_running_loop().add_reader(link.fileno(), lambda: orders.put_nowait(link.recv()))
         link.send("ready")
-        await told.get()
+        await orders.get()
         clocks = [emulator.clock for emulator in emulators if isinstance(emulator.clock, RealClock)]
         for clock in clocks:
             clock.statistics = ClockStatistics()
         began_s, used_s = time.monotonic(), _used_s()
-        await told.get()
+        await orders.get()
         cpu = (_used_s() - used_s) / (time.monotonic() - began_s)
         all_statistics = [clock.statistics for clock in clocks]
         link.send(json.dumps(_result(all_statistics, cpu)))

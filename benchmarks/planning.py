@@ -62,7 +62,7 @@ class Tally:
         return self.solved / self.solvable if self.solvable else 1.0
 
 
-def ask(model: str, place: str, queries: int, long_s: float = LONG_S) -> Tally:
+def measure_queries(model: str, place: str, queries: int, long_s: float = LONG_S) -> Tally:
     """Ask random queries, each also of OMPL alone; retry failures with more time and another seed."""
     scene = scene_of(place, model)
     planner, clearance = Planner(scene), Clearance(load_model(model), scene)
@@ -184,7 +184,7 @@ def measure(
 
 
 def _row(model: str, place: str, queries: int, executed: int, meshes: Path | None) -> list[str]:
-    tally = ask(model, place, queries)
+    tally = measure_queries(model, place, queries)
     taken, states, nearest = asyncio.run(
         execute(model, place, tally.plans[:executed], meshes / model if meshes else None)
     )

@@ -16,7 +16,7 @@ from urproto.modes import KinematicsStatus
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics, RobotModel, load_model
 from urproto.robots.calibrated import CalibratedKinematics
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.yamltext import InvalidYamlError, load_yaml
 
 _LENGTH_TOLERANCE_M: Final = 0.01  # configuration data and data files have the same lengths, except for old hardware
 
@@ -30,7 +30,7 @@ def read_calibration(path: Path) -> Calibration:
         return Calibration.from_mapping(load_yaml(path.read_bytes()), str(path))
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error
-    except NotYaml as error:
+    except InvalidYamlError as error:
         raise FileError(path, f"it is not YAML: {error}") from error
     except CalibrationError as error:
         raise FileError(path, str(error).removeprefix(f"{path}: ")) from error

@@ -232,8 +232,6 @@ class BlockingDashboardClient(BlockingConnection):
         """
         return self.run(self._core.request(operation), timeout_s or operation.timeout_s)
 
-    ask = request  # the former name, used by benchmarks/chaos.py
-
     def __enter__(self) -> Self:
         try:
             return super().__enter__()

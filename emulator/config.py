@@ -33,7 +33,7 @@ from urproto.text import quoted
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.worldfile import WorldFileError
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.yamltext import InvalidYamlError, load_yaml
 from urscript.polyscope.safety_configuration import SafetyConfiguration, factory_configuration
 from urscript.polyscope.safety_section import SafetySettingsError
 
@@ -295,7 +295,7 @@ def read_yaml(path: Path) -> Any:
         return load_yaml(path.read_bytes())
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except NotYaml as error:
+    except InvalidYamlError as error:
         raise ConfigError(f"{path} is not YAML: {error}") from error
 
 

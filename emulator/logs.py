@@ -15,7 +15,7 @@ from queue import SimpleQueue
 from typing import Final, TextIO, cast
 
 from urproto.compat import StrEnum
-from urproto.text import show_anything
+from urproto.text import show_any_text
 
 _MAX_WAITING: Final = 10_000  # texts: some megabytes (guess)
 _MAX_REMEMBERED: Final = 20  # kinds of failures that are reported in full, and saved (guess)
@@ -61,7 +61,7 @@ class BackgroundStream(io.TextIOBase):
     @contextmanager
     def in_background(self) -> Iterator[None]:
         """Let a thread write inside the context. At the end the rest of the queue is written, for up to 2 s."""
-        show_anything(self._target)
+        show_any_text(self._target)
         self._waiting = waiting = SimpleQueue[str | None]()
         writer = threading.Thread(target=self._write_all, args=(waiting,), name=f"{self._name} writer", daemon=True)
         writer.start()

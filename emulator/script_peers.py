@@ -28,7 +28,7 @@ from xmlrpc.client import Fault, dumps, loads
 
 from emulator.services.sockets import ScriptSocket, ScriptSocketBackend, SocketState
 from urproto.text import from_bytes, strip, to_bytes
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.yamltext import InvalidYamlError, load_yaml
 
 _ANY: Final = "*"
 _HTTP_PORT: Final = 80
@@ -96,7 +96,7 @@ def read_peers(path: Path) -> dict[tuple[str, int], _Peer]:
     """The peers that a file describes, by address and port. Raises PeersError or OSError."""
     try:
         content = load_yaml(path.read_bytes())
-    except NotYaml as error:
+    except InvalidYamlError as error:
         raise PeersError(f"{path} is not YAML: {error}") from error
     whole = _mapping(content, str(path))
     unknown = sorted(set(whole) - {"sockets", "xmlrpc"})

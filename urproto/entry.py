@@ -13,9 +13,9 @@ INTERRUPTED = 130
 def run(module: str) -> None:
     """Import a module, run its ``main`` and exit with its return value."""
     try:
-        from urproto.text import show_anything
+        from urproto.text import show_any_text
 
-        show_anything(sys.stdout, sys.stderr)
+        show_any_text(sys.stdout, sys.stderr)
         sys.exit(import_module(module).main())
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)

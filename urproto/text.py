@@ -86,7 +86,7 @@ def _readable_in(value: Any) -> Any:
     return value
 
 
-def show_anything(*streams: TextIO) -> None:
+def show_any_text(*streams: TextIO) -> None:
     """Make these streams accept any text, even if they are a terminal with another encoding."""
     for stream in streams:
         if isinstance(stream, TextIOWrapper):  # a test may have replaced it by another type

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from urproto.text import quoted
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.yamltext import InvalidYamlError, load_yaml
 
 MATERIAL: Final = ("stiffness", "damping", "friction")
 MOVING: Final = ("mass", "slide", "hinge", "conveyor", "lamp", "colour", "coupling")
@@ -66,7 +66,7 @@ def read_world_file(path: Path, shapes: Collection[str]) -> WorldDescription:
     """Read a file with objects of these shapes. Raises WorldFileError, which names file and position, or OSError."""
     try:
         return _world(load_yaml(path.read_bytes()), shapes)
-    except NotYaml as error:
+    except InvalidYamlError as error:
         raise WorldFileError(f"{path} is not YAML: {error}") from error
     except ValueError as error:
         raise WorldFileError(f"{path}: {error}") from error

@@ -11,7 +11,7 @@ _MAX_DEPTH: Final = 50
 """Nesting of brackets: PyYAML iterates over all open ones at every word, so thousands of them take minutes."""
 
 
-class NotYaml(ValueError):  # noqa: N818 - named for what the text is
+class InvalidYamlError(ValueError):
     """The text is not YAML, or its aliases expand to too many values; the message is one line with place and reason."""
 
 
@@ -22,44 +22,44 @@ def _loader() -> Any:
     class Loader(yaml.SafeLoader):
         def fetch_flow_collection_start(self, TokenClass: Any) -> None:
             if self.flow_level >= _MAX_DEPTH:
-                raise NotYaml("it is nested too deeply")
+                raise InvalidYamlError("it is nested too deeply")
             super().fetch_flow_collection_start(TokenClass)
 
     return Loader
 
 
 def load_yaml(text: bytes | str) -> Any:
-    """Parse a document; bytes are UTF-8. Raises NotYaml."""
+    """Parse a document; bytes are UTF-8. Raises InvalidYamlError."""
     import yaml
 
     if len(text) > _MAX_BYTES:
-        raise NotYaml(f"it is longer than {_MAX_BYTES} bytes")
+        raise InvalidYamlError(f"it is longer than {_MAX_BYTES} bytes")
     try:
         content = yaml.load(text if isinstance(text, str) else text.decode("utf-8"), _loader())
         size = _size(content, {})
-    except NotYaml:
+    except InvalidYamlError:
         raise
     except RecursionError:
-        raise NotYaml("it is nested too deeply") from None
+        raise InvalidYamlError("it is nested too deeply") from None
     except (yaml.YAMLError, UnicodeError) as error:
-        raise NotYaml(" ".join(str(error).split())) from error
+        raise InvalidYamlError(" ".join(str(error).split())) from error
     except (ValueError, ArithmeticError, TypeError, AttributeError, LookupError) as error:
         # such as a date with day 99, or a number without digits: the loader's constructors raise any exception
-        raise NotYaml(f"a value is not what it looks like: {error}") from error
+        raise InvalidYamlError(f"a value is not what it looks like: {error}") from error
     if size > _MAX_VALUES:
-        raise NotYaml(f"its aliases expand to more than {_MAX_VALUES} values")
+        raise InvalidYamlError(f"its aliases expand to more than {_MAX_VALUES} values")
     return content
 
 
 def _size(value: Any, known: dict[int, int]) -> int:
-    """The number of values with aliases expanded. Computed once per container. Raises NotYaml for recursive aliases."""
+    """The number of values with aliases expanded. Computed once a container. Raises InvalidYamlError for recursion."""
     if isinstance(value, int) and value.bit_length() > _MAX_BITS:
-        raise NotYaml("a whole number is too large to compute with")
+        raise InvalidYamlError("a whole number is too large to compute with")
     if not isinstance(value, Mapping | list | tuple | set):
         return 1
     size = known.get(id(value))
     if size == 0:
-        raise NotYaml("an alias contains itself")
+        raise InvalidYamlError("an alias contains itself")
     if size is None:
         known[id(value)] = 0
         size = 1 + sum(_size(item, known) for item in (value.values() if isinstance(value, Mapping) else value))

@@ -2,9 +2,9 @@
 
 import sys
 
-from urproto.text import show_anything
+from urproto.text import show_any_text
 from urscript.cli import main
 
 if __name__ == "__main__":
-    show_anything(sys.stdout, sys.stderr)
+    show_any_text(sys.stdout, sys.stderr)
     raise SystemExit(main())

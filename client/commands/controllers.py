@@ -30,7 +30,7 @@ from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
 from client.errors import ControllerError, NoManagerError
 from urproto.commandline import AsJson, application, console, print_json
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.yamltext import InvalidYamlError, load_yaml
 
 
 class SetState(Enum):
@@ -295,7 +295,7 @@ def set_parameters_command(
             raise typer.BadParameter(f"{assignment!r} is not NAME=VALUE")
         try:
             values[key] = load_yaml(text)
-        except NotYaml as error:
+        except InvalidYamlError as error:
             raise typer.BadParameter(f"{key}: {text!r} is not a YAML value: {error}") from None
     _request(robot_ip, port_offset, "set_parameters", name=name, parameters=values)
     typer.echo(f"Successfully set {', '.join(values)} of {name}")

@@ -44,10 +44,10 @@ from client.recording.recording import Recording
 from client.recording.timestamps import Stamps
 from client.robot import Robot
 from urproto.errors import RobotRefused, URError
-from urproto.robots import UnknownModel, load_model
+from urproto.robots import UnknownModelError, load_model
 from urproto.robots.description import urdf
 from urproto.robots.description import urdf as urdf_of
-from urproto.robots.meshes import MeshesMissing
+from urproto.robots.meshes import MissingMeshesError
 
 
 def describe_command(
@@ -74,7 +74,7 @@ def describe_command(
             measured.check_model(arm)
             arm = replace(arm, calibration=measured.dh)
         text = urdf(arm, meshes=meshes, prefix=prefix)
-    except (UnknownModel, MeshesMissing) as error:
+    except (UnknownModelError, MissingMeshesError) as error:
         raise typer.BadParameter(str(error)) from error
     try:
         output.write_text(text, "utf-8")

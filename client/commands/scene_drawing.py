@@ -11,7 +11,7 @@ from client.calibration import calibrated_model, calibration_of
 from client.errors import FileError, RecordingError
 from client.recording.live import FoxgloveServer
 from urproto.errors import RobotRefused
-from urproto.robots import MODELS, RobotModel, UnknownModel, load_model
+from urproto.robots import MODELS, RobotModel, UnknownModelError, load_model
 from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ def model_named(name: str) -> RobotModel:
     """Raises BadParameter, which lists the known ones."""
     try:
         return load_model(name.lower())
-    except UnknownModel as error:
+    except UnknownModelError as error:
         raise typer.BadParameter(str(error)) from error
 
 

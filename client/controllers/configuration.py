@@ -25,7 +25,7 @@ from client.controllers import (
 )
 from client.controllers.controller import CONTROLLER_TYPES, Controller
 from client.errors import ControllerError
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.yamltext import InvalidYamlError, load_yaml
 
 _ALL: Final = (
     broadcasters,
@@ -130,7 +130,7 @@ def sections(text: str, name: str, variables: Mapping[str, str]) -> dict[str, Ma
     """The parameters of each node in a ROS 2 parameter file. Raises ControllerError."""
     try:
         content = load_yaml(_filled(text, name, variables))
-    except NotYaml as error:
+    except InvalidYamlError as error:
         raise ControllerError(name, f"it is not YAML: {error}") from None
     if not isinstance(content, Mapping):
         raise ControllerError(name, "it has no sections")

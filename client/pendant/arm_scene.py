@@ -28,7 +28,7 @@ from urproto.primary.state import KinematicsInfo
 from urproto.robots import CalibrationError
 from urproto.robots.calibration import Chain, chain_of
 from urproto.robots.description import joint_frames
-from urproto.robots.meshes import MeshesMissing, PlacedMesh, mesh_file, placed_meshes
+from urproto.robots.meshes import MissingMeshesError, PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
 from urproto.vectors import ZERO6, Matrix3, Vector3
@@ -51,7 +51,7 @@ class ServedMesh(NamedTuple):
 
 @cache
 def served_meshes(folder: Path, model: RobotModel) -> tuple[ServedMesh, ...]:
-    """Meshes from base to wrist 3, from the folder or its subfolder named after the model. Raises MeshesMissing."""
+    """Meshes from base to wrist 3, from the folder or its subfolder of the model's name. Raises MissingMeshesError."""
     model_folder = folder / model.name
     mesh_folder = model_folder if model_folder.is_dir() else folder
     return tuple(_served_mesh(mesh_folder, model, mesh) for mesh in placed_meshes(model))
@@ -60,7 +60,7 @@ def served_meshes(folder: Path, model: RobotModel) -> tuple[ServedMesh, ...]:
 def _served_mesh(folder: Path, model: RobotModel, mesh: PlacedMesh) -> ServedMesh:
     try:
         file = mesh_file(folder, "visual", mesh.name, _VISUAL)
-    except MeshesMissing:
+    except MissingMeshesError:
         file = mesh_file(folder, "collision", mesh.name, _COLLISION)
     url = f"/meshes/{model.name}/{mesh.name}{file.suffix}"
     app.add_static_file(local_file=file, url_path=url)
@@ -309,7 +309,7 @@ class DrawnArm:
         if self.meshes is not None:
             try:
                 return [_Link(mesh=mesh) for mesh in served_meshes(self.meshes, model)]
-            except MeshesMissing as error:
+            except MissingMeshesError as error:
                 self.on_error(str(error))
         return [_Link(parts) for parts in link_parts(model)]
 

@@ -25,7 +25,7 @@ from typing import Any, Final, TypeVar
 
 from urproto.robots.model import RobotModel
 from urproto.versions import Series
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.yamltext import InvalidYamlError, load_yaml
 from urscript.polyscope.document import DocumentError, read_document
 from urscript.polyscope.safety_configuration import (
     CHANNELS,
@@ -78,7 +78,7 @@ def _from_installation(data: bytes) -> SafetyConfiguration:
 def _from_yaml(text: bytes, model: RobotModel) -> SafetyConfiguration:
     try:
         content = load_yaml(text)
-    except NotYaml as error:
+    except InvalidYamlError as error:
         raise SafetySettingsError(f"not YAML: {error}") from error
     table = _mapping(content if content is not None else {}, "the file", _KEYS)
     preset = _word(table.get("preset", "default"), "preset", PRESETS)

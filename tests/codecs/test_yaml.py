@@ -2,7 +2,7 @@
 
 import pytest
 
-from urproto.yamltext import NotYaml, load_yaml
+from urproto.yamltext import InvalidYamlError, load_yaml
 
 MULTIPLYING = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 9))
 
@@ -21,7 +21,7 @@ MULTIPLYING = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1
     ],
 )
 def test_invalid_documents_are_refused(text: str | bytes, reason: str) -> None:
-    with pytest.raises(NotYaml, match=reason):
+    with pytest.raises(InvalidYamlError, match=reason):
         load_yaml(text)
 
 

@@ -17,7 +17,7 @@ from urproto.joints import JOINT_NAMES
 from urproto.robots import MODELS, Calibration, RobotModel, kinematics_of, load_model
 from urproto.robots.description import joint_frames, urdf
 from urproto.robots.dynamics import Dynamics
-from urproto.robots.meshes import MeshesMissing
+from urproto.robots.meshes import MissingMeshesError
 from urproto.robots.pose import pose_trans, rotvec_to_matrix
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -135,7 +135,7 @@ def test_meshes_from_a_folder(tmp_path: Path) -> None:
     assert len(meshes) == 14
     assert (tmp_path / "visual" / "wrist1.dae").as_uri() in meshes
     (tmp_path / "visual" / "wrist1.dae").unlink()
-    with pytest.raises(MeshesMissing, match="visual/wrist1"):
+    with pytest.raises(MissingMeshesError, match="visual/wrist1"):
         urdf(load_model("ur5e"), meshes=tmp_path)
-    with pytest.raises(MeshesMissing, match="UR15"):
+    with pytest.raises(MissingMeshesError, match="UR15"):
         urdf(load_model("ur15"), meshes=tmp_path)

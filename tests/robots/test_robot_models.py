@@ -7,7 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from urproto.robots import MODELS, START_Q, Link, RobotModel, UnknownModel, load_model
+from urproto.robots import MODELS, START_Q, Link, RobotModel, UnknownModelError, load_model
 from urproto.robots.model import _DATA
 from urproto.versions import Series
 
@@ -107,13 +107,13 @@ def test_every_number_has_a_source(name: str) -> None:
 
 
 def test_unknown_model_lists_the_known() -> None:
-    with pytest.raises(UnknownModel, match=r"'ur4': choose one of ur3, ur3e, .*, ur30") as caught:
+    with pytest.raises(UnknownModelError, match=r"'ur4': choose one of ur3, ur3e, .*, ur30") as caught:
         load_model("ur4")
     assert caught.value.name == "ur4"
 
 
 def test_a_name_is_not_a_path() -> None:
-    with pytest.raises(UnknownModel):
+    with pytest.raises(UnknownModelError):
         load_model("../data/ur3")
 
 

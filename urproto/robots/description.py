@@ -76,7 +76,7 @@ def urdf(model: RobotModel, *, meshes: Path | None = None, prefix: str = "") -> 
 
     meshes: a folder structured like ``meshes/ur5e`` in ur_description (``visual/base.dae``, ``collision/base.stl``,
     upperarm, wrist1, ...), or with all files directly inside; without one, the geometry consists of capsules.
-    prefix: prepended to each name of a link or joint. Raises MeshesMissing.
+    prefix: prepended to each name of a link or joint. Raises MissingMeshesError.
     """
     root = Element("robot", name=model.name)
     _fixed_link(root, f"{prefix}base_link")

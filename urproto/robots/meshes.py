@@ -18,7 +18,7 @@ _MESH_RPY: Final[Sequence[Vector3]] = (
 )
 
 
-class MeshesMissing(ValueError):  # noqa: N818 - named for what happened, like UnknownModel
+class MissingMeshesError(ValueError):
     """The folder does not contain the meshes of this arm, or their placement is not known."""
 
 
@@ -32,18 +32,20 @@ class PlacedMesh(NamedTuple):
 
 
 def placed_meshes(model: RobotModel) -> tuple[PlacedMesh, ...]:
-    """The meshes of base, shoulder, upper arm, forearm, wrist 1, 2 and 3. Raises MeshesMissing."""
+    """The meshes of base, shoulder, upper arm, forearm, wrist 1, 2 and 3. Raises MissingMeshesError."""
     if model.wrist_mesh_offsets is None:
-        raise MeshesMissing(f"the placement of the meshes of {model.title} has not been published: leave them out")
+        raise MissingMeshesError(f"the placement of the meshes of {model.title} has not been published: leave them out")
     offsets = (0.0, 0.0, *model.tube_offsets, *model.wrist_mesh_offsets)
     return tuple(PlacedMesh(name, (0.0, 0.0, z), rpy) for name, rpy, z in zip(_MESHES, _MESH_RPY, offsets, strict=True))
 
 
 def mesh_file(folder: Path, kind: str, name: str, endings: Sequence[str]) -> Path:
-    """The path of a mesh: ``visual/base.dae``, or ``base.dae`` if all files are in one folder. Raises MeshesMissing."""
+    """The path of a mesh: ``visual/base.dae``, or ``base.dae`` if all are in one folder. Raises MissingMeshesError."""
     places = [folder / kind / f"{name}{ending}" for ending in endings]
     places += [folder / f"{name}{ending}" for ending in endings]
     for place in places:
         if place.is_file():
             return place
-    raise MeshesMissing(f"{folder} has no {kind}/{name} ({', '.join(endings)}): it must contain {', '.join(_MESHES)}")
+    raise MissingMeshesError(
+        f"{folder} has no {kind}/{name} ({', '.join(endings)}): it must contain {', '.join(_MESHES)}"
+    )

@@ -35,7 +35,7 @@ _DATA: Final = Path(__file__).parent / "data"
 _FIRST_X: Final = "first_polyscope_x"
 
 
-class UnknownModel(ValueError):  # noqa: N818 - named for what happened, as RobotRefused is
+class UnknownModelError(ValueError):
     """There is no data file for an arm of this name."""
 
     def __init__(self, name: str) -> None:
@@ -278,9 +278,9 @@ MODELS: Final[tuple[str, ...]] = tuple(sorted((path.stem for path in _DATA.glob(
 
 @cache
 def load_model(name: str) -> RobotModel:
-    """Load the arm of this name. Raises UnknownModel, which lists the available names."""
+    """Load the arm of this name. Raises UnknownModelError, which lists the available names."""
     if name not in MODELS:
-        raise UnknownModel(name)
+        raise UnknownModelError(name)
     return RobotModel.from_toml((_DATA / f"{name}.toml").read_text(encoding="utf-8"), name)
 
 
