@@ -42,8 +42,8 @@ mutants: $(VENV)/.dev ## bugs planted one at a time, and whether the tests find 
 
 # Thousands of random programs in virtual time, some minutes: the arm keeps its limits, no number makes the controller
 # fail, and no text or program takes more than half a control period. Then every test with random examples with twenty
-# times as many, and hostile robots against every part of the client, half an hour. The tests run a few of each.
-soak: $(VENV)/.dev ## thousands of random programs, an hour
+# times as many, and hostile robots against every part of the client. The tests run a few of each.
+soak: $(VENV)/.dev ## thousands of random programs and hostile robots, an hour
 	RANDOM_PROGRAMS=10000 RANDOM_EXTREMES=2000 RANDOM_COSTS=2000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 \
 		tests/motion/test_random_programs.py tests/fuzzing
 	EXAMPLES=20 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 -m hypothesis
