@@ -32,7 +32,7 @@ def benchmark() -> ModuleType:
 
 @pytest.mark.parametrize("place", SCENES)
 def test_queries_are_solved_and_keep_clear(benchmark: ModuleType, place: str) -> None:
-    tally = benchmark.ask("ur10e", place, 3)
+    tally = benchmark.measure_queries("ur10e", place, 3)
     assert tally.queries == 3
     assert tally.solved == tally.solvable
     assert tally.nearest_m > -0.001
@@ -40,7 +40,7 @@ def test_queries_are_solved_and_keep_clear(benchmark: ModuleType, place: str) ->
 
 
 async def test_plans_are_executed_and_keep_clear(benchmark: ModuleType) -> None:
-    tally = benchmark.ask("ur3", "shelf", 2)
+    tally = benchmark.measure_queries("ur3", "shelf", 2)
     taken, states, nearest_m = await benchmark.execute("ur3", "shelf", tally.plans)
     assert taken == tally.solved > 0
     assert states > 100
