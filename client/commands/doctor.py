@@ -22,6 +22,7 @@ from client.doctor import (
     exit_status,
 )
 from urproto.commandline import AsJson, console, print_json
+from urproto.text import readable_in
 
 _STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
 
@@ -42,7 +43,7 @@ def doctor_command(
     """Examine this machine, the network and the robot within seconds. Exit status 1 if something cannot work."""
     screen = console()
     findings = []
-    for finding in _examine(robot or robot_ip, port_offset, calibration):
+    for finding in map(readable_in, _examine(robot or robot_ip, port_offset, calibration)):  # a robot may say anything
         if not as_json:
             screen.print(_line(finding), soft_wrap=True)
         findings.append(finding)

@@ -200,6 +200,7 @@ class ProgramSupervisor:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the program, which stops the arm, and close the ports."""
+        self._robot.on_text.remove(self._on_text)  # a program that is lost from now on is not restarted
         try:
             with suppress(ProgramStaysError):
                 await self.stop()

@@ -34,6 +34,7 @@ from urproto.vectors import ZERO6
 
 _TF_EVERY_S: Final = 0.05  # robot_state_publisher's publish_frequency is 20 Hz
 _SCALING_EVERY_S: Final = 0.01  # state_publish_rate of the ROS 2 driver
+_MAX_MODE: Final = 127  # of an int8
 TF_DEPTH: Final = 100  # tf2_ros
 _TCP_FRAME: Final = "tool0_controller"
 _POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
@@ -224,7 +225,7 @@ def _tool_data(message: Any, data: ToolData, scene: PublishingContext) -> bool:
 
 
 def _mode(message: Any, mode: int, scene: PublishingContext) -> bool:
-    if mode < 0:
+    if not 0 <= mode <= _MAX_MODE:  # no controller has such a mode, and the message cannot hold it
         return False
     message.mode = mode
     return True
@@ -275,7 +276,8 @@ def _finite_or_zero(value: float) -> float:
 
 
 def _unsigned(value: float) -> int:
-    return int(value) if value >= 0 else 0
+    """For a uint8; 0 for a value that no controller reports."""
+    return int(value) if 0 <= value <= 255 else 0
 
 
 # subscriptions

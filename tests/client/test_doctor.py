@@ -5,7 +5,10 @@ import socket
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from client.cli import app
+from client.commands import doctor
 from client.doctor import (
     Finding,
     Grade,
@@ -125,3 +128,12 @@ def test_states_without_a_time_are_a_finding(stamp):
     stamps[50] = stamp
     (found,) = check_stream(arrivals, stamps)
     assert (found.grade, found.text) == (Grade.BROKEN, "1 of 100 states have no time (timestamp)")
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_what_is_not_text_is_printed_as_escapes(options: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Finding(Grade.UNKNOWN, "round trip", "the robot refused 'robotmode': Robotmo\udce7e")
+    monkeypatch.setattr(doctor, "_examine", lambda *_: iter([found]))
+    result = CliRunner().invoke(app, ["doctor", *options])
+    assert result.exit_code == 0, result.output
+    assert "xe7e" in result.output

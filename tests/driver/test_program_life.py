@@ -93,6 +93,16 @@ async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect)
         assert not pair.driver.loss_reason
 
 
+async def test_a_program_that_is_lost_while_the_driver_ends_is_not_restarted(connect):
+    async with connect() as pair:
+        listeners, program = pair.driver.robot.on_text, pair.driver.program
+    before = asyncio.all_tasks()
+    for listener in listeners:
+        listener(GONE_TEXT)
+    assert program.losses == 0
+    assert asyncio.all_tasks() <= before
+
+
 async def test_two_simultaneous_starts_start_one_program(connect):
     async with connect(start=False) as pair:
         reported = []
@@ -285,8 +295,11 @@ async def test_a_driver_that_comes_later_is_found(robot):
     pair = Pair(robot, reverse_port=port)
     async with pair.driver:
         text = pair.driver.program.control_program().render_headless(pair.driver.version)
-    robot.controller.programs.submit(text)
-    await pair.until(lambda: bool(robot.controller.popups.shown))
+    with socket.socket() as held:
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        held.bind((HOST, port))  # no other test listens there meanwhile
+        robot.controller.programs.submit(text)
+        await pair.until(lambda: bool(robot.controller.popups.shown))
     assert f"There is no driver at {HOST}" in robot.controller.popups.shown[-1].text
 
 

@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,10 +12,20 @@ from ros2_requests import BEST_EFFORT, STRICT, SWITCH, TRIGGER, begin, mentions,
 from ros2_rig import HOST, SCALED, Lab
 
 from client.controllers.remote import RemoteManager
+from client.ros2 import topics
 from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("ros2")]
+
+
+@pytest.mark.parametrize(
+    ("mode", "published"), [(0, True), (7, True), (127, True), (-1, False), (128, False), (10**6, False)]
+)
+async def test_a_mode_that_no_controller_has_is_not_published(mode: int, published: bool) -> None:
+    message = SimpleNamespace(mode=None)
+    assert topics._mode(message, mode, topics.PublishingContext()) is published
+    assert message.mode == (mode if published else None)
 
 
 async def test_controllers_are_switched_as_a_whole_or_not_at_all(lab: Lab) -> None:
