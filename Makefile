@@ -6,8 +6,8 @@ MODEL  ?= ur3
 ARGS   ?=
 # which tests `make test` runs; MARKS= for all of them, with those of `make long` and `make pages`
 MARKS  ?= not page and not long
-# one more than there are cores: a good part of the tests waits for robots in real time
-JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
+# two more than there are cores: a good part of the tests waits for robots in real time
+JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 
 # Byte code is kept, even where the surroundings say otherwise, as container images like to: the tests start some hundred
 # processes, and half of the time of each would go into compiling what the one before compiled.
@@ -107,9 +107,10 @@ $(VENV)/.base: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --progress-bar on --editable '.[pendant]'
 	touch $@
 
-# CI takes what constraints.txt names, each file by its hash; elsewhere the newest packages are tried.
+# CI takes what constraints.txt names, each file by its hash; elsewhere the newest packages are tried. Byte code comes
+# into being where a package is used: compiling all packages takes as long as fetching them.
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(if $(CI),tests/install_locked.sh $(BIN)/python,$(BIN)/python -m pip install --quiet --editable '.[test,check]')
+	$(if $(CI),tests/install_locked.sh $(BIN)/python,$(BIN)/python -m pip install --quiet --no-compile --editable '.[test,check]')
 	$(BIN)/ur-client ros2 --setup || echo "Tests of the ROS 2 driver need the message packages: they will fail." >&2
 	touch $@ $(VENV)/.base
 
