@@ -39,6 +39,8 @@ class _Form:
         self._page, self._views = page, views
         self._section: Section = next(iter(SECTIONS.values()))
         self._rows: list[Row] = []
+        self._rows_known = False  # the emulator has answered since the section was chosen
+        self._sections_shown = 0
         self._row: Row | None = None  # None while a new one is being entered
         self._inputs: dict[str, _Input] = {}
         with ui.element("div").classes("setting-choice"):
@@ -61,17 +63,18 @@ class _Form:
 
     # answers of the emulator
 
-    def _read_installation(self, station: Station) -> Mapping[str, Any] | None:
+    def _read_installation(self, station: Station) -> tuple[int, Mapping[str, Any] | None]:
+        """The answer, and for which section: one that is shown again needs the same answer again."""
         if self._views.visible_view != _VIEW or not can_be_saved(station):
-            return None
+            return self._sections_shown, None
         answer: Mapping[str, Any] | None = station.emulator.watch("installation", section=self._section.name).value
-        return answer
+        return self._sections_shown, answer
 
-    def _update(self, answer: Mapping[str, Any] | None) -> None:
-        section = self._section
+    def _update(self, numbered_answer: tuple[int, Mapping[str, Any] | None]) -> None:
+        section, (_, answer) = self._section, numbered_answer
         if answer is None or section.name not in answer["sections"]:
             return
-        self._rows = answer["sections"][section.name]
+        self._rows, self._rows_known = answer["sections"][section.name], True
         self._file.set_text(f"File: {answer['file']}")
         if section.listed:
             names = [row[section.key] for row in self._rows]
@@ -83,7 +86,8 @@ class _Form:
 
     def _show_section(self, name: str) -> None:
         section = self._section = SECTIONS[name]
-        self._rows, self._row, self._inputs = [], None, {}
+        self._sections_shown += 1
+        self._rows, self._rows_known, self._row, self._inputs = [], False, None, {}
         self._fields.clear()
         self._row_select.set_options({}, value=None)
         self._row_select.set_visibility(section.listed)
@@ -94,6 +98,8 @@ class _Form:
 
     def _show_row(self) -> None:
         section = self._section
+        if not self._rows_known:
+            return  # fields shown now would be replaced by the answer, with what was typed
         row = next(
             (row for row in self._rows if not section.listed or row[section.key] == self._row_select.value), None
         )
