@@ -17,7 +17,7 @@ from urscript.syntax import Expression
 HELPERS: Final[dict[str, Any]] = {"_sin": sin, "_cos": cos, "_sqrt": sqrt}
 """The Python functions that the expressions call, by their names in compiled code."""
 
-_FINITE: Final = 1e300
+_FINITE: Final = 1e300  # the built-in itself looks at larger numbers, which may be infinite
 _Inline = Callable[[str, Sequence[Expression], Sequence[KindSet], list[ast.expr], Place], ast.expr | None]
 
 

@@ -34,7 +34,7 @@ def level(signals: Signals, output: int) -> bool:
 def _set(signals: Signals, number: int, high: bool) -> None:
     mask = 1 << number
     inputs = signals.digital_inputs
-    if bool(inputs & mask) is not high:  # otherwise all signals would be published again
+    if bool(inputs & mask) != high:  # otherwise all signals would be published again
         signals.digital_inputs = inputs ^ mask
 
 
