@@ -5,7 +5,8 @@ import json
 import os
 import socket
 import sys
-from collections.abc import AsyncIterator, Iterator
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import ExitStack, asynccontextmanager, contextmanager
 from itertools import count
 from pathlib import Path
@@ -63,6 +64,16 @@ class Peer:
 
     async def echo(self, topic: str, kind: str, *, latched: bool = False, new: bool = False) -> dict[str, Any]:
         return await self.request(echo=topic, type=kind, latched=latched, new=new)
+
+    async def graph(self, complete: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """What the peer knows of all nodes, once it is complete, or when patience is at its end.
+
+        Nodes, topics and services are made known one after another, and on a busy machine seconds after they exist.
+        """
+        end_s = time.monotonic() + PATIENCE_S
+        while not complete(known := await self.request(graph=True)) and time.monotonic() < end_s:
+            await asyncio.sleep(0.1)
+        return known
 
     async def close(self) -> None:
         assert self._process.stdin is not None

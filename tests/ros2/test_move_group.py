@@ -124,8 +124,6 @@ async def test_without_ompl_the_driver_goes_on(
 
 
 async def test_names_and_types_are_those_of_moveit(lab: Lab) -> None:
-    graph = await lab.peer.request(graph=True)
-    assert "/move_group" in graph["nodes"]
     services = {
         "apply_planning_scene": "ApplyPlanningScene",
         "check_state_validity": "GetStateValidity",
@@ -136,11 +134,16 @@ async def test_names_and_types_are_those_of_moveit(lab: Lab) -> None:
         "plan_kinematic_path": "GetMotionPlan",
         "query_planner_interface": "QueryPlannerInterfaces",
     }
-    for name, kind in services.items():
-        assert graph["services"][f"/{name}"] == [f"{SRV}/{kind}"]
-    actions = {"move_action": "MoveGroup", "execute_trajectory": "ExecuteTrajectory"}
-    for action, kind in (actions | {"sequence_move_group": "MoveGroupSequence"}).items():
-        assert graph["services"][f"/{action}/_action/send_goal"] == [f"{ACTION}/{kind}_SendGoal"]
+    actions = {
+        "move_action": "MoveGroup",
+        "execute_trajectory": "ExecuteTrajectory",
+        "sequence_move_group": "MoveGroupSequence",
+    }
+    wanted = {f"/{name}": [f"{SRV}/{kind}"] for name, kind in services.items()}
+    wanted |= {f"/{name}/_action/send_goal": [f"{ACTION}/{kind}_SendGoal"] for name, kind in actions.items()}
+    graph = await lab.peer.graph(lambda graph: wanted.items() <= graph["services"].items())
+    assert "/move_group" in graph["nodes"]
+    assert {name: graph["services"].get(name) for name in wanted} == wanted
     description = (await lab.peer.echo("/robot_description_semantic", "std_msgs/msg/String", latched=True))["data"]
     root = ElementTree.fromstring(description)
     assert root.get("name") == ElementTree.fromstring(urdf(load_model("ur5e"))).get("name")

@@ -85,7 +85,7 @@ async def test_a_controller_of_ones_own_is_loaded_and_unloaded(lab: Lab, tmp_pat
     assert (await states(lab))[name] == "unconfigured"
     assert await do("configure")
     assert (await states(lab))[name] == "inactive"
-    assert f"/{name}" in (await lab.peer.request(graph=True))["nodes"]
+    assert f"/{name}" in (await lab.peer.graph(lambda graph: f"/{name}" in graph["nodes"]))["nodes"]
     assert await do("unload")
     assert name not in await states(lab)
     answer = await lab.peer.call(
