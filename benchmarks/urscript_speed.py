@@ -44,7 +44,7 @@ BIG_PROGRAM = "def big():\n" + "".join(FUNCTION.format(n=n) for n in range(86)) 
 class _OneFrame:
     """A host whose frame never ends."""
 
-    period_s = 1e6
+    period_s = 100.0
 
     def on_label(self, number: int, text: str, option: str, thread: ScriptThread) -> bool:
         return False

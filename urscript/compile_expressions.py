@@ -175,15 +175,20 @@ def _closest_name(name: str, candidates: list[str]) -> Steps[str]:
 class ExpressionCompiler:
     """Compiles the expressions of one body."""
 
-    def __init__(self, unit: Unit, scope: Scope, *, recursive: bool = False, boxed: bool = False) -> None:
-        """boxed: keep the body's variables as items of ``_locals``, so that statements sent later can share them."""
+    def __init__(
+        self, unit: Unit, scope: Scope, *, recursive: bool = False, boxed: bool = False, whole: bool = False
+    ) -> None:
+        """boxed: keep the body's variables as items of ``_locals``, so that statements sent later can share them.
+
+        whole: the body is short, and becomes one Python function.
+        """
         self.unit = unit
         self.boxed = boxed
         self.scope = scope
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
-        self.ranges = Ranges()
+        self.ranges = Ranges(unit.program, scope, unit.builtins, unit.kinds, following=whole and not boxed)
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
         # Functions, not bound methods: those would form a reference cycle, which keeps the whole tree alive until the
@@ -347,8 +352,11 @@ class ExpressionCompiler:
     def _binary(self, node: Binary, place: Place) -> ast.expr:
         operator = node.operator
         if operator in _LOGIC:
-            values = [self.condition(node.left), self.condition(node.right)]
-            return ast.BoolOp(op=_LOGIC[operator](), values=values, **place)
+            first, here = self.condition(node.left), self.ranges.place()
+            self.ranges.assume(node.left, operator == "and")
+            second = self.condition(node.right)
+            self.ranges.go_to(here)
+            return ast.BoolOp(op=_LOGIC[operator](), values=[first, second], **place)
         if operator == "xor":
             return _compare(self.condition(node.left), ast.IsNot(), self.condition(node.right), place)
         left, right = self.operand(node.left), self.operand(node.right)
@@ -359,7 +367,7 @@ class ExpressionCompiler:
             self._kinds[id(node)] = kind = arithmetic(operator, *kinds)
             if is_number(kind):
                 self.size += kind != FLOAT  # code for the wrap at 32 bits
-                return number_arithmetic(node, kind, left, right, place, fits=self.ranges.fits(node))
+                return number_arithmetic(node, kind, left, right, place, self.ranges)
             return call(ARITHMETIC_HELPERS[operator], place, left, right)
         ordered = all(map(is_ordered, kinds))
         if operator in _ORDER:
@@ -397,9 +405,9 @@ class ExpressionCompiler:
         target = self.operand(node.target)
         if len(positions) == 2:
             return call("_cell", place, target, *positions)
-        of_sequence = isinstance(node.target, Name) and is_sequence(self.kind(node.target))
-        if of_sequence and self.kind(node.positions[0]) == INT:
-            return element(node, target, positions[0], place)
+        sequence, position = node.target, node.positions[0]
+        if isinstance(sequence, Name) and is_sequence(self.kind(sequence)) and self.kind(position) == INT:
+            return element(sequence, target, position, positions[0], place, self.ranges)
         return call("_index", place, target, positions[0])
 
     def _member(self, node: Member, place: Place) -> ast.expr:
@@ -468,7 +476,7 @@ class ExpressionCompiler:
             arguments.insert(0, load("_locals", place))
         if not checked and not node.keywords:
             kinds = [self.kind(argument) for argument in node.arguments]
-            inline = inline_call(builtin.name, node.arguments, kinds, arguments, place)
+            inline = inline_call(builtin.name, node.arguments, kinds, arguments, place, self.ranges)
             if inline is not None:
                 return inline
         code = call(f"{'b' if checked else 'u'}_{builtin.name}", place, *arguments)

@@ -10,7 +10,7 @@ from typing import Any
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
 from urscript.inference import INT, is_list, is_plain
-from urscript.number_code import write_element
+from urscript.number_code import if_all, unshared, within, write_element
 from urscript.pieces import Exit, Part, Pieces, PythonFunction
 from urscript.pycode import (
     LOAD,
@@ -26,6 +26,7 @@ from urscript.pycode import (
     script_position,
     yield_from,
 )
+from urscript.sharing import KEEPING_NOTHING, unshared_lists
 from urscript.syntax import (
     Assign,
     Call,
@@ -60,6 +61,7 @@ _WORK = 8  # to compile an expression, or a statement without its expressions
 _SLICE = 12  # minimum number of these between two yields
 _PIECE = 100  # approximate number of these in a piece
 _REST = 40  # minimum number of these in a piece at the end of a block
+_FOLLOWING_WORK = 3  # to follow a statement before a loop is compiled
 _BRANCH_WORK = 4  # to put a branch before those that follow, without its contents
 _ROW = 20  # values from which a sequence is divided
 
@@ -147,7 +149,7 @@ class _BodyCompiler(ExpressionCompiler):
         boxed: bool = False,
         lasting: bool = True,
     ) -> None:
-        super().__init__(unit, scope, recursive=recursive, boxed=boxed)
+        super().__init__(unit, scope, recursive=recursive, boxed=boxed, whole=not divided)
         shared = [
             *(["_locals"] if boxed else []),
             *([] if lasting else ["_pieces"]),
@@ -156,6 +158,8 @@ class _BodyCompiler(ExpressionCompiler):
         self.pieces = Pieces(symbol, shared, lasting=lasting)
         self._exits: list[Exit] = []  # exits of the code being compiled, like `stored_globals`
         self._counted = 0  # the part of the size whose work has been yielded
+        self._statements: list[Statement] = []  # of the whole body
+        self._unshared: set[str] | None = None
         self._charged = charged  # a generator, so that it can park
         self._divided = divided
         self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
@@ -174,6 +178,7 @@ class _BodyCompiler(ExpressionCompiler):
 
     def body(self, statements: list[Statement], place: Place) -> Steps[list[ast.stmt]]:
         """The complete Python body of the function."""
+        self._statements = statements
         if self._charged:
             code = (yield from self._metered(statements)) or charge(1, place, park=True)
         else:
@@ -196,8 +201,6 @@ class _BodyCompiler(ExpressionCompiler):
                 continue
             self.size += 1
             place = place_of(statement)
-            if isinstance(statement, (If, While)):
-                self.ranges.forget_changed(statement)
             if self.unit.stepped and not isinstance(statement, While):
                 code.append(ast.Expr(value=self._step(place), **place))
             if isinstance(statement, If):
@@ -208,8 +211,7 @@ class _BodyCompiler(ExpressionCompiler):
                 if self._divided and statement.cost > _PIECE:
                     yield from self._divide_expressions(statement)
                 code += self._compilers[statement.__class__](self, statement, place)
-                if isinstance(statement, Assign):
-                    self.ranges.forget_changed(statement)
+                self.ranges.follow(statement)
             yield from self._count()
         return code
 
@@ -351,23 +353,35 @@ class _BodyCompiler(ExpressionCompiler):
 
         None for anything but a local variable that is a list of numbers or bools, and such a value.
         """
-        root, position = target.target, target.positions[0]
-        if not isinstance(root, Name) or len(target.positions) > 1 or self.boxed or not self.is_local(root.name):
+        name, position = target.target, target.positions[0]
+        if not isinstance(name, Name) or len(target.positions) > 1 or self.boxed or not self.is_local(name.name):
             return None
-        if not is_list(self.kind(root)) or self.kind(position) != INT or not is_plain(self.kind(source)):
+        if not is_list(self.kind(name)) or self.kind(position) != INT or not is_plain(self.kind(source)):
             return None
         self.size += 6
-        code: list[ast.stmt] = []
         at, new = self.expression(position), value
+        variable = self.variable(name.name, place)
+        alone = self._is_unshared(name.name)
+        if alone and within(name, variable, position, at, place, self.ranges) is None:
+            return [write_element(variable, at, new, place)]
+        code: list[ast.stmt] = []
         if not self._is_lasting(position):
             code.append(assign("_at", at, place))
             at = load("_at", place)
         if not self._is_lasting(source):
             code.append(assign("_new", value, place))
             new = load("_new", place)
-        variable = self.variable(root.name, place)
-        copy = self.bind(root.name, call("_set_item", place, variable, at, new), place)
-        return [*code, write_element(variable, at, new, copy, place)]
+        inside = within(name, variable, position, at, place, self.ranges)
+        tests = [*([inside] if inside is not None else []), *([] if alone else [unshared(variable, place)])]
+        copy = self.bind(name.name, call("_set_item", place, variable, at, new), place)
+        return [*code, *if_all(tests, write_element(variable, at, new, place), copy, place)]
+
+    def _is_unshared(self, name: str) -> bool:
+        """True for a variable whose list nothing else can refer to."""
+        if self._unshared is None:
+            built_in = KEEPING_NOTHING.isdisjoint(self.unit.program.functions)
+            self._unshared = unshared_lists(self.scope, self._statements) if built_in and not self._divided else set()
+        return name in self._unshared
 
     def _is_lasting(self, node: Expression) -> bool:
         """True for a value that nothing changes while other parts of the statement are evaluated."""
@@ -415,6 +429,7 @@ class _BodyCompiler(ExpressionCompiler):
         heavy = _is_heavy(node)
         outer, outer_exits = self.stored_globals, self._exits
         branches: list[tuple[ast.expr, Part]] = []
+        ends = []
         for condition, statements in [*node.branches, (None, node.otherwise)]:
             part, before = Part(), self.inline
             self.stored_globals, self._exits = part.stored_globals, part.exits
@@ -423,8 +438,15 @@ class _BodyCompiler(ExpressionCompiler):
                     yield from self._divide(condition)
                 branches.append((self.condition(condition), part))
                 part.place = place_of(condition)
+                otherwise = self.ranges.place()
+                self.ranges.assume(condition, truth=True)
             part.code = yield from self._inner(statements, heavy)
             part.size = self.inline - before
+            ends.append(self.ranges.place())
+            if condition is not None:
+                self.ranges.go_to(otherwise)
+                self.ranges.assume(condition, truth=False)
+        self.ranges.go_to(*ends)
         self.stored_globals, self._exits = outer, outer_exits
         rest = part  # of the else
         for (test, part), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
@@ -442,22 +464,19 @@ class _BodyCompiler(ExpressionCompiler):
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
         if self._divided:
             yield from self._divide(node.condition)
+        after, followed = self.ranges.enter(node)
+        yield followed * _FOLLOWING_WORK
         test = self.condition(node.condition)
         if self.unit.stepped:  # before each pass; _step returns None
             passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
         outer, self._exits = self._exits, []
-        known = self.ranges
-        if not self._divided and not self.boxed:  # else the body may be long, or its variables are shared
-            self.ranges = known.within(node, self._is_counter, lambda bound: self.kind(bound) == INT)
+        self.ranges.assume(node.condition, truth=True)
         body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
-        self.ranges = known
+        self.ranges.go_to(after)
         outer += [exit_ for exit_ in self._exits if isinstance(exit_, ast.Return)]
         self._exits = outer
         return [ast.While(test=test, body=body, orelse=[], **place)]
-
-    def _is_counter(self, name: str) -> bool:
-        return self.is_local(name) and self.unit.kinds.variable(self.scope, name) == INT
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:
         back = ast.Return(value=None if node.value is None else self.expression(node.value), **place)

@@ -343,12 +343,12 @@ def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_
         else:
             yield from _arguments(program.functions[call.name].scope, scope, call)
     for method in scope.methods:  # a list method rebinds its variable; the new value is not examined
-        yield _Store(_variable(program, scope, _root(method.target)), scope, None)
+        yield _Store(_variable(program, scope, root(method.target)), scope, None)
 
 
 def _assignment(program: Program, scope: Scope, statement: Assign) -> _Store:
     target, value = statement.target, statement.value
-    variable = _variable(program, scope, _root(target))
+    variable = _variable(program, scope, root(target))
     if isinstance(target, Name):
         return _Store(variable, scope, value, work=_work(statement))
     simple = isinstance(target, Index) and isinstance(target.target, Name) and len(target.positions) == 1
@@ -397,7 +397,7 @@ def _flat(body: list[Statement]) -> Iterator[Statement]:
 
 def assigned_names(statement: Statement) -> set[str]:
     """The variables that a statement and those in its blocks assign to, in whole or in part."""
-    return {_root(inner.target) for inner in _flat([statement]) if isinstance(inner, Assign)}
+    return {root(inner.target) for inner in _flat([statement]) if isinstance(inner, Assign)}
 
 
 def _always_returns(body: list[Statement]) -> bool:
@@ -408,7 +408,7 @@ def _always_returns(body: list[Statement]) -> bool:
     return isinstance(last, Return)
 
 
-def _root(node: Expression) -> str:
+def root(node: Expression) -> str:
     """The variable that an expression is, or is an element or member of; empty for any other expression."""
     while isinstance(node, (Index, Member)):
         node = node.target

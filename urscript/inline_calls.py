@@ -10,30 +10,43 @@ from math import cos, sin, sqrt
 from typing import Any, Final
 
 from urscript.inference import INT, STRING, KindSet, is_number, is_sequence
-from urscript.number_code import kept
+from urscript.number_code import kept, within
 from urscript.pycode import LOAD, Place, attribute, call, constant
-from urscript.syntax import Expression
+from urscript.ranges import Ranges
+from urscript.syntax import Expression, Name
 
 HELPERS: Final[dict[str, Any]] = {"_sin": sin, "_cos": cos, "_sqrt": sqrt}
 """The Python functions that the expressions call, by their names in compiled code."""
 
 _FINITE: Final = 1e300  # the built-in itself looks at larger numbers, which may be infinite
-_Inline = Callable[[str, Sequence[Expression], Sequence[KindSet], list[ast.expr], Place], ast.expr | None]
+_Inline = Callable[[str, Sequence[Expression], Sequence[KindSet], list[ast.expr], Place, Ranges], ast.expr | None]
 
 
 def inline_call(
-    name: str, nodes: Sequence[Expression], kinds: Sequence[KindSet], arguments: list[ast.expr], place: Place
+    name: str,
+    nodes: Sequence[Expression],
+    kinds: Sequence[KindSet],
+    arguments: list[ast.expr],
+    place: Place,
+    ranges: Ranges,
 ) -> ast.expr | None:
     """The Python expression for a call of a built-in, given its arguments, their kinds and their Python code.
 
     None when there is none: the built-in must then be called.
     """
     inline = _INLINE.get(name)
-    return None if inline is None or len(nodes) != len(arguments) else inline(name, nodes, kinds, arguments, place)
+    return (
+        None if inline is None or len(nodes) != len(arguments) else inline(name, nodes, kinds, arguments, place, ranges)
+    )
 
 
 def _length(
-    name: str, nodes: Sequence[Expression], kinds: Sequence[KindSet], arguments: list[ast.expr], place: Place
+    name: str,
+    nodes: Sequence[Expression],
+    kinds: Sequence[KindSet],
+    arguments: list[ast.expr],
+    place: Place,
+    ranges: Ranges,
 ) -> ast.expr | None:
     (value,) = arguments
     length = call("_len", place, value)
@@ -45,22 +58,33 @@ def _length(
 
 
 def _character(
-    name: str, nodes: Sequence[Expression], kinds: Sequence[KindSet], arguments: list[ast.expr], place: Place
+    name: str,
+    nodes: Sequence[Expression],
+    kinds: Sequence[KindSet],
+    arguments: list[ast.expr],
+    place: Place,
+    ranges: Ranges,
 ) -> ast.expr | None:
     text, position = arguments
-    if kinds[0] != STRING or kinds[1] != INT or not isinstance(text, ast.Name):
+    if kinds[0] != STRING or kinds[1] != INT or not isinstance(nodes[0], Name) or not isinstance(text, ast.Name):
         return None
     position, again = kept(nodes[1], position, place)
-    within = ast.Compare(
-        left=constant(-1, place), ops=[ast.Lt(), ast.Lt()], comparators=[position, call("_len", place, text)], **place
-    )
-    test = ast.BoolOp(op=ast.And(), values=[within, _is_ascii(text, place)], **place)
+    test = _is_ascii(text, place)
+    if (inside := within(nodes[0], text, nodes[1], position, place, ranges)) is not None:
+        test = ast.BoolOp(op=ast.And(), values=[inside, test], **place)
+    else:
+        again = arguments[1]
     character = ast.Subscript(value=text, slice=again, ctx=LOAD, **place)
     return _either(test, character, call(f"u_{name}", place, text, again), place)
 
 
 def _function(
-    name: str, nodes: Sequence[Expression], kinds: Sequence[KindSet], arguments: list[ast.expr], place: Place
+    name: str,
+    nodes: Sequence[Expression],
+    kinds: Sequence[KindSet],
+    arguments: list[ast.expr],
+    place: Place,
+    ranges: Ranges,
 ) -> ast.expr | None:
     """A function of one number, for numbers on which Python's function is defined."""
     if not is_number(kinds[0]):

@@ -12,8 +12,8 @@ from typing import Final
 from urscript.inference import FLOAT, KindSet
 from urscript.operators import UNSHARED
 from urscript.pycode import LOAD, STORE, Place, call, constant, load
-from urscript.syntax import Binary, Constant, Expression, Index, Name
-from urscript.values import INT_MAX, INT_MIN
+from urscript.ranges import Ranges
+from urscript.syntax import Binary, Constant, Expression, Name
 
 ARITHMETIC_HELPERS: Final = {"+": "_add", "-": "_sub", "*": "_mul", "/": "_div", "%": "_mod"}
 """The functions that perform an operation on operands of any kind, by their names in compiled code."""
@@ -21,60 +21,66 @@ ARITHMETIC_HELPERS: Final = {"+": "_add", "-": "_sub", "*": "_mul", "/": "_div",
 _PYTHON: Final[dict[str, type[ast.operator]]] = {"+": ast.Add, "-": ast.Sub, "*": ast.Mult, "/": ast.Div, "%": ast.Mod}
 _RESULT: Final = "_n"
 
+_QUICK: Final = 2**30 - 1
+"""Up to here Python compares ints in one step. `_wrap` looks at larger ones, few of which need a wrap."""
+
 
 def number_arithmetic(
-    node: Binary, kind: KindSet, left: ast.expr, right: ast.expr, place: Place, *, fits: bool
+    node: Binary, kind: KindSet, left: ast.expr, right: ast.expr, place: Place, ranges: Ranges
 ) -> ast.expr:
-    """The Python code for an operation on two numbers; `kind` is the kind of its result.
-
-    fits: the result has at most 32 bits if it is an int.
-    """
+    """The Python code for an operation on two numbers; `kind` is the kind of its result."""
     operator = node.operator
     plain = ast.BinOp(left=left, op=_PYTHON[operator](), right=right, **place)
     if operator == "/":
         return _divide(node, plain, place)
     if operator == "%":
-        return _modulo(node, plain, place)
-    return plain if kind == FLOAT or fits else _wrapped(node, plain, place)
+        return _modulo(node, plain, place, ranges)
+    return plain if kind == FLOAT or ranges.fits(node) else _wrapped(node, plain, place)
 
 
-def element(node: Index, vector: ast.expr, position: ast.expr, place: Place) -> ast.expr:
-    """The Python code for the element of a vector variable at an int position.
+def element(
+    sequence: Name, value: ast.expr, position: Expression, code: ast.expr, place: Place, ranges: Ranges
+) -> ast.expr:
+    """The Python code for the element of a list or pose variable at an int position.
 
     For a position out of bounds, it calls `_index`, which raises the error.
     """
-    length, within = call("_len", place, vector), node.positions[0]
-    first, again = kept(within, position, place)
-    if isinstance(within, Constant) and _is_positive(within):
-        test = ast.Compare(left=length, ops=[ast.Gt()], comparators=[first], **place)
-    else:
-        test = ast.Compare(left=constant(-1, place), ops=[ast.Lt(), ast.Lt()], comparators=[first, length], **place)
-    return ast.IfExp(
-        test=test,
-        body=ast.Subscript(value=vector, slice=again, ctx=LOAD, **place),
-        orelse=call("_index", place, vector, again),
-        **place,
-    )
+    first, again = kept(position, code, place)
+    test = within(sequence, value, position, first, place, ranges)
+    if test is None:
+        return ast.Subscript(value=value, slice=code, ctx=LOAD, **place)
+    usual = ast.Subscript(value=value, slice=again, ctx=LOAD, **place)
+    return ast.IfExp(test=test, body=usual, orelse=call("_index", place, value, again), **place)
 
 
-def write_element(variable: ast.expr, position: ast.expr, value: ast.expr, copy: ast.stmt, place: Place) -> ast.stmt:
-    """The Python code that writes an element of a list variable; ``copy`` is executed instead where something else
-    refers to the list, too, or the position is out of bounds."""
-    within = ast.Compare(
-        left=constant(-1, place),
-        ops=[ast.Lt(), ast.Lt()],
-        comparators=[position, call("_len", place, variable)],
-        **place,
-    )
-    references = call("_references", place, variable)
-    alone = ast.Compare(left=references, ops=[ast.Eq()], comparators=[constant(UNSHARED, place)], **place)
-    written = ast.Subscript(value=variable, slice=position, ctx=STORE, **place)
-    return ast.If(
-        test=ast.BoolOp(op=ast.And(), values=[within, alone], **place),
-        body=[ast.Assign(targets=[written], value=value, **place)],
-        orelse=[copy],
-        **place,
-    )
+def within(
+    sequence: Name, value: ast.expr, position: Expression, code: ast.expr, place: Place, ranges: Ranges
+) -> ast.expr | None:
+    """The Python code that tests whether an int position is within a sequence or string; None where it must be."""
+    not_negative = ranges.is_not_negative(position)
+    if ranges.is_below_length(position, sequence.name):
+        return None if not_negative else ast.Compare(code, [ast.GtE()], [constant(0, place)], **place)
+    length = call("_len", place, value)
+    if not_negative:
+        return ast.Compare(code, [ast.Lt()], [length], **place)
+    return ast.Compare(constant(-1, place), [ast.Lt(), ast.Lt()], [code, length], **place)
+
+
+def write_element(variable: ast.expr, position: ast.expr, value: ast.expr, place: Place) -> ast.stmt:
+    """The Python code that writes an element of a list variable."""
+    written: list[ast.expr] = [ast.Subscript(value=variable, slice=position, ctx=STORE, **place)]
+    return ast.Assign(targets=written, value=value, **place)
+
+
+def if_all(tests: list[ast.expr], then: ast.stmt, otherwise: ast.stmt, place: Place) -> list[ast.stmt]:
+    """The Python code that executes one of two statements."""
+    test = tests[0] if len(tests) == 1 else ast.BoolOp(op=ast.And(), values=tests, **place)
+    return [ast.If(test=test, body=[then], orelse=[otherwise], **place)]
+
+
+def unshared(variable: ast.expr, place: Place) -> ast.expr:
+    """The Python code that tests whether nothing but a variable refers to its value."""
+    return ast.Compare(call("_references", place, variable), [ast.Eq()], [constant(UNSHARED, place)], **place)
 
 
 def _divide(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
@@ -86,9 +92,12 @@ def _divide(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
     return call("_div", place, plain.left, plain.right)
 
 
-def _modulo(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
+def _modulo(node: Binary, plain: ast.BinOp, place: Place, ranges: Ranges) -> ast.expr:
     """The Python code for ``%``: Python's operator equals that of C when neither operand is negative."""
-    positive = _is_positive(node.right)
+    right = ranges.range_of(node.right)
+    positive = _is_positive(node.right) or (right is not None and right[0] > 0)
+    if positive and ranges.is_not_negative(node.left):
+        return plain
     if not positive and not isinstance(node.right, Name):
         return call("_mod", place, plain.left, plain.right)
     first, again = kept(node.left, plain.left, place)
@@ -106,7 +115,7 @@ def _wrapped(node: Binary, plain: ast.expr, place: Place) -> ast.expr:
     """The Python code that wraps a result at 32 bits; after adding or subtracting a positive constant, it tests only
     one bound."""
     test: ast.expr
-    result, low, high = _keep(plain, place), constant(INT_MIN, place), constant(INT_MAX, place)
+    result, low, high = _keep(plain, place), constant(-_QUICK, place), constant(_QUICK, place)
     if node.operator != "*" and _is_positive(node.right):
         bound, compare = (high, ast.LtE()) if node.operator == "+" else (low, ast.GtE())
         test = ast.Compare(left=result, ops=[compare], comparators=[bound], **place)
