@@ -188,6 +188,7 @@ class ExpressionCompiler:
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
+        self.unforeseen = 0  # of them, those that may wait or do work in addition to their statement's cost
         self.ranges = Ranges(unit.program, scope, unit.builtins, unit.kinds, following=whole and not boxed)
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
@@ -329,11 +330,13 @@ class ExpressionCompiler:
         texts = any(_is_text(item) for item in node.items)
         if all(isinstance(item, Constant) for item in node.items) and not (texts and self.unit.fixed_lists):
             return ast.List(elts=items, ctx=ast.Load(), **place)
+        self.unforeseen += 1
         return call("_list", place, *items)
 
     def _number_list(self, node: NumberList, place: Place) -> ast.expr:
         """A list of numbers as bytes, because Python's compiler takes long for constants with many elements."""
         self.size += len(node.values) // 32
+        self.unforeseen += 1
         layout = "<" + "".join("i" if value.__class__ is int else "d" for value in node.values)
         return call("_numbers", place, constant(layout, place), constant(struct.pack(layout, *node.values), place))
 
@@ -347,6 +350,7 @@ class ExpressionCompiler:
             return ast.UnaryOp(op=ast.Not(), operand=self.condition(node.operand), **place)
         if node.operator == "-" and self.kind(node.operand) == FLOAT:
             return ast.UnaryOp(op=ast.USub(), operand=self.operand(node.operand), **place)
+        self.unforeseen += not is_number(self.kind(node.operand))
         return call("_neg" if node.operator == "-" else "_pos", place, self.operand(node.operand))
 
     def _binary(self, node: Binary, place: Place) -> ast.expr:
@@ -368,6 +372,7 @@ class ExpressionCompiler:
             if is_number(kind):
                 self.size += kind != FLOAT  # code for the wrap at 32 bits
                 return number_arithmetic(node, kind, left, right, place, self.ranges)
+            self.unforeseen += 1
             return call(ARITHMETIC_HELPERS[operator], place, left, right)
         ordered = all(map(is_ordered, kinds))
         if operator in _ORDER:
@@ -377,6 +382,7 @@ class ExpressionCompiler:
             return _compare(left, native(), right, place) if simple else call(helper, place, left, right)
         if ordered or _is_short(node.left) or _is_short(node.right):
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
+        self.unforeseen += 1
         return call("_eq" if operator == "==" else "_ne", place, left, right)
 
     def _constant_behind(self, node: Expression) -> Expression:
@@ -440,6 +446,7 @@ class ExpressionCompiler:
             self.expression(argument)
 
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
+        self.unforeseen += 1
         parameters = plan.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
         defaults = ExpressionCompiler(self.unit, Scope(""))  # a default value can only use globals
@@ -479,6 +486,7 @@ class ExpressionCompiler:
             inline = inline_call(builtin.name, node.arguments, kinds, arguments, place, self.ranges)
             if inline is not None:
                 return inline
+        self.unforeseen += 1
         code = call(f"{'b' if checked else 'u'}_{builtin.name}", place, *arguments)
         return yield_from(code, place) if builtin.takes_time else code
 
@@ -495,10 +503,12 @@ class ExpressionCompiler:
         names = tuple(name for name, _ in node.keywords)
         if node.arguments or len(set(names)) != len(names):
             raise BindingError("Type error: struct takes members as name=value, each name once")
+        self.unforeseen += 1
         return call("_struct", place, constant(names, place), *self.values([value for _, value in node.keywords]))
 
     def _method(self, node: MethodCall, place: Place) -> ast.expr:
         """``(yield from _method(...))[1]``; item 0 is the target after the call."""
+        self.unforeseen += 1
         arguments = [self.expression(node.target), constant(node.name, place), *self.values(node.arguments)]
         pair = yield_from(call("_method", place, *arguments), place)
         if node.name not in MUTATORS:
@@ -531,6 +541,7 @@ class ExpressionCompiler:
         root = self.variable(target.name, place)
         if not self.is_local(target.name):
             self.stored_globals.add(f"v_{target.name}")
+        self.unforeseen += bool(path)
         if len(path) == 1:
             return target.name, call("_set_item", place, root, path[0], value)
         keys_code = ast.Tuple(elts=path, ctx=ast.Load(), **place)
@@ -541,6 +552,7 @@ class ExpressionCompiler:
         if plan is None or not plan.is_thread:
             self.name_not_found(node.name, node, "thread")
             return constant(None, place)
+        self.unforeseen += 1
         return call("_run", place, load(plan.symbol, place), constant(node.name, place))
 
 

@@ -21,6 +21,7 @@ from urscript.pycode import (
     charge,
     constant,
     function,
+    in_batches,
     load,
     place_of,
     script_position,
@@ -371,6 +372,7 @@ class _BodyCompiler(ExpressionCompiler):
         if not self._is_lasting(source):
             code.append(assign("_new", value, place))
             new = load("_new", place)
+        self.unforeseen += not alone  # a copy
         inside = within(name, variable, position, at, place, self.ranges)
         tests = [*([inside] if inside is not None else []), *([] if alone else [unshared(variable, place)])]
         copy = self.bind(name.name, call("_set_item", place, variable, at, new), place)
@@ -464,6 +466,7 @@ class _BodyCompiler(ExpressionCompiler):
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
         if self._divided:
             yield from self._divide(node.condition)
+        before = self.unforeseen
         after, followed = self.ranges.enter(node)
         yield followed * _FOLLOWING_WORK
         test = self.condition(node.condition)
@@ -472,7 +475,14 @@ class _BodyCompiler(ExpressionCompiler):
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
         outer, self._exits = self._exits, []
         self.ranges.assume(node.condition, truth=True)
-        body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
+        passes = None if self._divided or self.unit.stepped else _pass(node)
+        if passes is None:
+            body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
+        else:
+            work, at = passes
+            body = yield from self._plain(node.body)
+            steady = self.unforeseen == before and not self._exits
+            body = [*charge(work, at, park=True), *(in_batches(test, body, work, place) if steady else body)]
         self.ranges.go_to(after)
         outer += [exit_ for exit_ in self._exits if isinstance(exit_, ast.Return)]
         self._exits = outer
@@ -496,6 +506,7 @@ class _BodyCompiler(ExpressionCompiler):
                 return [ast.Expr(value=call(f"_{node.word}", place), **place)]
 
     def _thread_control(self, node: ThreadControl, place: Place) -> list[ast.stmt]:
+        self.unforeseen += 1
         code = call(f"_{node.word}", place, self.expression(node.handle))
         if node.word == "join":
             code = ast.YieldFrom(value=code, **place)
@@ -504,6 +515,7 @@ class _BodyCompiler(ExpressionCompiler):
     def _label(self, node: Label, place: Place) -> list[ast.stmt]:
         """``while _label(number, text, option): yield``: report the label to the host, and wait while it says so."""
         self.size += 1
+        self.unforeseen += 1
         words = [constant(word, place) for word in (node.number, node.text, node.option)]
         wait = ast.Expr(value=ast.Yield(value=None, **place), **place)
         return [ast.While(test=call("_label", place, *words), body=[wait], orelse=[], **place)]
@@ -514,6 +526,15 @@ def _is_heavy(statement: Statement) -> bool:
     return isinstance(statement, While) or (
         isinstance(statement, If) and (statement.loops or statement.cost > _RUN_COST)
     )
+
+
+def _pass(loop: While) -> tuple[int, Place] | None:
+    """The work of one pass of a loop that is charged at once, and the place to charge it; None if there are several."""
+    runs = list(_runs(loop.body, _LOOP_COST))
+    if len(runs) != 1 or any(map(_is_heavy, loop.body)):
+        return None
+    ((statements, work),) = runs
+    return work, place_of(statements[0])
 
 
 def _runs(statements: list[Statement], extra: int) -> Iterator[tuple[list[Statement], int]]:

@@ -10,7 +10,7 @@ from urscript.errors import RuntimeFault
 from urscript.meter import charge
 from urscript.operators import check_size, whole
 from urscript.operators import member as struct_member
-from urscript.values import BoundedList, Value, to_text, type_name
+from urscript.values import BoundedList, Value, list_with_capacity, to_text, type_name
 
 MethodResult = tuple[Value, Value]
 
@@ -74,14 +74,14 @@ def _insert(target: list[Any], position: Value, value: Value) -> MethodResult:
         raise RuntimeFault(f"Index out of bounds: {at}, the length is {len(target)}")
     if len(target) >= capacity:
         raise RuntimeFault(f"The list is full: its capacity is {capacity}; make_list(length, value, capacity) sets it")
-    return check_size(BoundedList([*target[:at], value, *target[at:]], capacity)), None
+    return check_size(list_with_capacity([*target[:at], value, *target[at:]], capacity)), None
 
 
 def _remove(target: list[Any], position: Value) -> MethodResult:
     at = whole(position, "an index")
     if not 0 <= at < len(target):
         raise RuntimeFault(f"Index out of bounds: {at}, the length is {len(target)}")
-    return BoundedList([*target[:at], *target[at + 1 :]], _capacity(target)), target[at]
+    return list_with_capacity([*target[:at], *target[at + 1 :]], _capacity(target)), target[at]
 
 
 def _pop(target: list[Any]) -> MethodResult:
@@ -89,7 +89,7 @@ def _pop(target: list[Any]) -> MethodResult:
 
 
 def _clear(target: list[Any]) -> MethodResult:
-    return BoundedList([], _capacity(target)), None
+    return list_with_capacity([], _capacity(target)), None
 
 
 _LIST_METHODS: dict[str, tuple[Callable[..., MethodResult], int]] = {

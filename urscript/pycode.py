@@ -106,6 +106,27 @@ def charge(units: int, place: Place, *, park: bool) -> list[ast.stmt]:
     return [draw, ast.If(test=empty, body=[pause], orelse=[], **place)]
 
 
+_BATCH = 32  # passes
+
+BATCHES = {"_once": (0,), "_often": tuple(range(_BATCH + 1))}
+"""Names that `in_batches` uses."""
+
+
+def in_batches(condition: ast.expr, body: list[ast.stmt], units: int, place: Place) -> list[ast.stmt]:
+    """The rest of the first pass of a loop, whose work has been charged, and of a batch if the meter has work for one:
+
+    ``for _pass in _often if _left >= 32 * units else _once: body; if not condition: break``, and
+    ``_meter.left -= units * _pass``. The loop that contains them goes on while its condition is true.
+    """
+    enough = ast.Compare(load("_left", place), [ast.GtE()], [constant(_BATCH * units, place)], **place)
+    passes = ast.IfExp(test=enough, body=load("_often", place), orelse=load("_once", place), **place)
+    end = ast.If(ast.UnaryOp(op=ast.Not(), operand=condition, **place), [ast.Break(**place)], [], **place)
+    loop = ast.For(ast.Name("_pass", STORE, **place), passes, [*body, end], [], **place)
+    target = ast.Attribute(value=load("_meter", place), attr="left", ctx=STORE, **place)
+    work = ast.BinOp(left=constant(units, place), op=ast.Mult(), right=load("_pass", place), **place)
+    return [loop, ast.AugAssign(target=target, op=ast.Sub(), value=work, **place)]
+
+
 def function(name: str, parameters: list[str], body: list[ast.stmt], place: Place) -> ast.stmt:
     arguments = ast.arguments(
         posonlyargs=[],

@@ -41,7 +41,7 @@ from urscript.interpreter import STATEMENT_FILE, CompiledStatement, Locals
 from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
 from urscript.pieces import piece_name
-from urscript.pycode import instruction_position, script_line
+from urscript.pycode import BATCHES, instruction_position, script_line
 from urscript.values import TYPE_NAMES, UNSET, Value
 
 
@@ -475,6 +475,7 @@ def _too_deep() -> NoReturn:
 _HELPERS: dict[str, Any] = {
     "__builtins__": {},
     "_meter": METER,
+    **BATCHES,
     "_omitted": OMITTED,
     "_Halt": _Halt,
     "_Locals": Locals,

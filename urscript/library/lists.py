@@ -5,7 +5,7 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
 from urscript.operators import check_size, whole
-from urscript.values import MAX_ELEMENTS, Any_, BoundedList, Int, Matrix, Struct, Value, type_name
+from urscript.values import MAX_ELEMENTS, Any_, Int, Matrix, Struct, Value, list_with_capacity, type_name
 
 LIBRARY = Library("lists")
 
@@ -43,4 +43,4 @@ def make_list(length: Int, initial_value: Any_, capacity: Int | None = None) -> 
     if isinstance(initial_value, (list, Matrix, Struct)):
         check_size([initial_value] * length)
     charge(length)
-    return BoundedList([initial_value] * length, room)
+    return list_with_capacity([initial_value] * length, room)
