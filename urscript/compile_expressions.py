@@ -29,7 +29,7 @@ from urscript.inference import (
     is_sequence,
     is_vector,
 )
-from urscript.inline_calls import inline_call
+from urscript.inline_calls import inline_call, joined
 from urscript.literals import call_problems
 from urscript.number_code import ARITHMETIC_HELPERS, element, number_arithmetic
 from urscript.pycode import (
@@ -118,6 +118,7 @@ class Unit:
     structs: bool  # whether this version has struct()
     fixed_lists: bool  # whether list variables keep their length in this version
     stepped: bool = False  # whether every statement asks the host first
+    steady: set[str] = field(default_factory=set)  # functions that do not wait nor do more work than planned
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
@@ -189,6 +190,7 @@ class ExpressionCompiler:
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
         self.unforeseen = 0  # of them, those that may wait or do work in addition to their statement's cost
+        self.called_work = 0  # and the work of the functions that others call
         self.ranges = Ranges(unit.program, scope, unit.builtins, unit.kinds, following=whole and not boxed)
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
@@ -341,6 +343,9 @@ class ExpressionCompiler:
         return call("_numbers", place, constant(layout, place), constant(struct.pack(layout, *node.values), place))
 
     def _pose(self, node: PoseLiteral, place: Place) -> ast.expr:
+        if all(map(_is_number, node.items)):
+            numbers = tuple(float(item.value or 0) for item in node.items if isinstance(item, Constant))
+            return call("_new_pose", place, constant(numbers, place))
         return call("_pose", place, *[self.expression(item) for item in node.items])
 
     # operators
@@ -372,6 +377,9 @@ class ExpressionCompiler:
             if is_number(kind):
                 self.size += kind != FLOAT  # code for the wrap at 32 bits
                 return number_arithmetic(node, kind, left, right, place, self.ranges)
+            if kinds == (STRING, STRING) and operator == "+":
+                self.size += 4
+                return joined(left, right, place)
             self.unforeseen += 1
             return call(ARITHMETIC_HELPERS[operator], place, left, right)
         ordered = all(map(is_ordered, kinds))
@@ -446,7 +454,10 @@ class ExpressionCompiler:
             self.expression(argument)
 
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
-        self.unforeseen += 1
+        if plan.symbol in self.unit.steady:
+            self.called_work += plan.cost
+        else:
+            self.unforeseen += 1
         parameters = plan.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
         defaults = ExpressionCompiler(self.unit, Scope(""))  # a default value can only use globals

@@ -10,7 +10,7 @@ from typing import Any
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
 from urscript.inference import INT, is_list, is_plain
-from urscript.number_code import if_all, unshared, within, write_element
+from urscript.number_code import if_shared, within, write_element
 from urscript.pieces import Exit, Part, Pieces, PythonFunction
 from urscript.pycode import (
     LOAD,
@@ -22,6 +22,7 @@ from urscript.pycode import (
     constant,
     function,
     in_batches,
+    is_true,
     load,
     place_of,
     script_position,
@@ -108,6 +109,8 @@ def compile_function(
         body.insert(0, assign("_pieces", pieces, place))
     if compiler.boxed:
         body.insert(0, _boxed_locals(compiler, place, lends))
+    if not plan.generator and not unit.stepped and not compiler.unforeseen:
+        unit.steady.add(plan.symbol)
     size = compiler.inline + len(parameters)
     return [*compiler.pieces.functions, PythonFunction(function(plan.symbol, parameters, body, place), size)]
 
@@ -350,7 +353,7 @@ class _BodyCompiler(ExpressionCompiler):
     def _assign_in_place(
         self, target: Index, source: Expression, value: ast.expr, place: Place
     ) -> list[ast.stmt] | None:
-        """Write an element of a list where nothing but the variable refers to it; `_set_item` makes a copy otherwise.
+        """Write an element of a list, or of a copy where something else may refer to the list, too.
 
         None for anything but a local variable that is a list of numbers or bools, and such a value.
         """
@@ -372,11 +375,15 @@ class _BodyCompiler(ExpressionCompiler):
         if not self._is_lasting(source):
             code.append(assign("_new", value, place))
             new = load("_new", place)
-        self.unforeseen += not alone  # a copy
+        writing = [write_element(variable, at, new, place)]
+        if not alone:
+            self.unforeseen += 1
+            writing.insert(0, if_shared(variable, self.bind(name.name, call("_copied", place, variable), place), place))
         inside = within(name, variable, position, at, place, self.ranges)
-        tests = [*([inside] if inside is not None else []), *([] if alone else [unshared(variable, place)])]
-        copy = self.bind(name.name, call("_set_item", place, variable, at, new), place)
-        return [*code, *if_all(tests, write_element(variable, at, new, place), copy, place)]
+        if inside is None:
+            return [*code, *writing]
+        refuse = ast.Expr(call("_set_item", place, variable, at, new), **place)
+        return [*code, ast.If(test=inside, body=writing, orelse=[refuse], **place)]
 
     def _is_unshared(self, name: str) -> bool:
         """True for a variable whose list nothing else can refer to."""
@@ -466,7 +473,7 @@ class _BodyCompiler(ExpressionCompiler):
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
         if self._divided:
             yield from self._divide(node.condition)
-        before = self.unforeseen
+        before, called = self.unforeseen, self.called_work
         after, followed = self.ranges.enter(node)
         yield followed * _FOLLOWING_WORK
         test = self.condition(node.condition)
@@ -481,8 +488,12 @@ class _BodyCompiler(ExpressionCompiler):
         else:
             work, at = passes
             body = yield from self._plain(node.body)
-            steady = self.unforeseen == before and not self._exits
-            body = [*charge(work, at, park=True), *(in_batches(test, body, work, place) if steady else body)]
+            if self.unforeseen == before:
+                for exit_ in self._exits:
+                    if isinstance(exit_, ast.If) and isinstance(exit_.body[0], ast.Continue) and not is_true(test):
+                        exit_.test, exit_.orelse = test, [ast.Break(**at)]
+                body = in_batches(test, body, work, work + self.called_work - called, place)
+            body = [*charge(work, at, park=True), *body]
         self.ranges.go_to(after)
         outer += [exit_ for exit_ in self._exits if isinstance(exit_, ast.Return)]
         self._exits = outer

@@ -10,12 +10,13 @@ from math import cos, sin, sqrt
 from typing import Any, Final
 
 from urscript.inference import INT, STRING, KindSet, is_number, is_sequence
-from urscript.number_code import kept, within
+from urscript.number_code import keep, kept, within
 from urscript.pycode import LOAD, Place, attribute, call, constant
 from urscript.ranges import Ranges
 from urscript.syntax import Expression, Name
+from urscript.values import MAX_STRING, as_string
 
-HELPERS: Final[dict[str, Any]] = {"_sin": sin, "_cos": cos, "_sqrt": sqrt}
+HELPERS: Final[dict[str, Any]] = {"_sin": sin, "_cos": cos, "_sqrt": sqrt, "_str": str, "_as_string": as_string}
 """The Python functions that the expressions call, by their names in compiled code."""
 
 _FINITE: Final = 1e300  # the built-in itself looks at larger numbers, which may be infinite
@@ -98,11 +99,49 @@ def _function(
     return _either(test, call(f"_{name}", place, again), call(f"u_{name}", place, again), place)
 
 
+def _text(
+    name: str,
+    nodes: Sequence[Expression],
+    kinds: Sequence[KindSet],
+    arguments: list[ast.expr],
+    place: Place,
+    ranges: Ranges,
+) -> ast.expr | None:
+    return _as_text(kinds[0], arguments[0], place)
+
+
+def _joined_texts(
+    name: str,
+    nodes: Sequence[Expression],
+    kinds: Sequence[KindSet],
+    arguments: list[ast.expr],
+    place: Place,
+    ranges: Ranges,
+) -> ast.expr | None:
+    left, right = (_as_text(kind, value, place) for kind, value in zip(kinds, arguments, strict=True))
+    return None if left is None or right is None else joined(left, right, place)
+
+
+def _as_text(kind: KindSet, value: ast.expr, place: Place) -> ast.expr | None:
+    """The Python expression for the text of a string or an int."""
+    return value if kind == STRING else call("_str", place, value) if kind == INT else None
+
+
+def joined(left: ast.expr, right: ast.expr, place: Place) -> ast.expr:
+    """The Python expression for two strings, one after the other."""
+    text, again = keep(ast.BinOp(left, ast.Add(), right, **place), place)
+    short = ast.Compare(call("_len", place, again), [ast.LtE()], [constant(MAX_STRING, place)], **place)
+    test = ast.BoolOp(ast.And(), [_is_ascii(text, place), short], **place)
+    return _either(test, again, call("_as_string", place, again), place)
+
+
 _INLINE: Final[dict[str, _Inline]] = {
     "length": _length,
     "get_list_length": _length,
     "str_len": _length,
     "str_at": _character,
+    "str_cat": _joined_texts,
+    "to_str": _text,
     "sin": _function,
     "cos": _function,
     "sqrt": _function,

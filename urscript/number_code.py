@@ -72,15 +72,10 @@ def write_element(variable: ast.expr, position: ast.expr, value: ast.expr, place
     return ast.Assign(targets=written, value=value, **place)
 
 
-def if_all(tests: list[ast.expr], then: ast.stmt, otherwise: ast.stmt, place: Place) -> list[ast.stmt]:
-    """The Python code that executes one of two statements."""
-    test = tests[0] if len(tests) == 1 else ast.BoolOp(op=ast.And(), values=tests, **place)
-    return [ast.If(test=test, body=[then], orelse=[otherwise], **place)]
-
-
-def unshared(variable: ast.expr, place: Place) -> ast.expr:
-    """The Python code that tests whether nothing but a variable refers to its value."""
-    return ast.Compare(call("_references", place, variable), [ast.Eq()], [constant(UNSHARED, place)], **place)
+def if_shared(variable: ast.expr, then: ast.stmt, place: Place) -> ast.stmt:
+    """The Python code that executes a statement if not only this variable refers to its value."""
+    references = call("_references", place, variable)
+    return ast.If(ast.Compare(references, [ast.NotEq()], [constant(UNSHARED, place)], **place), [then], [], **place)
 
 
 def _divide(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
@@ -115,13 +110,12 @@ def _wrapped(node: Binary, plain: ast.expr, place: Place) -> ast.expr:
     """The Python code that wraps a result at 32 bits; after adding or subtracting a positive constant, it tests only
     one bound."""
     test: ast.expr
-    result, low, high = _keep(plain, place), constant(-_QUICK, place), constant(_QUICK, place)
+    (result, again), low, high = keep(plain, place), constant(-_QUICK, place), constant(_QUICK, place)
     if node.operator != "*" and _is_positive(node.right):
         bound, compare = (high, ast.LtE()) if node.operator == "+" else (low, ast.GtE())
         test = ast.Compare(left=result, ops=[compare], comparators=[bound], **place)
     else:
         test = ast.Compare(left=low, ops=[ast.LtE(), ast.LtE()], comparators=[result, high], **place)
-    again = load(_RESULT, place)
     return ast.IfExp(test=test, body=again, orelse=call("_wrap", place, again), **place)
 
 
@@ -129,11 +123,12 @@ def kept(node: Expression, code: ast.expr, place: Place) -> tuple[ast.expr, ast.
     """The Python code of a node for its first use, and for the uses right after it: it is evaluated only once."""
     if isinstance(node, (Name, Constant)):
         return code, code
-    return _keep(code, place), load(_RESULT, place)
+    return keep(code, place)
 
 
-def _keep(value: ast.expr, place: Place) -> ast.expr:
-    return ast.NamedExpr(target=ast.Name(id=_RESULT, ctx=STORE, **place), value=value, **place)
+def keep(value: ast.expr, place: Place) -> tuple[ast.expr, ast.expr]:
+    """The Python code for a value, and for the same value right after it."""
+    return ast.NamedExpr(ast.Name(_RESULT, STORE, **place), value, **place), load(_RESULT, place)
 
 
 def _is_positive(node: Expression) -> bool:

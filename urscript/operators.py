@@ -27,8 +27,9 @@ from urscript.values import (
     Pose,
     Struct,
     Value,
+    as_string,
     is_number,
-    joined,
+    list_with_capacity,
     type_name,
 )
 
@@ -97,7 +98,7 @@ def add(left: Value, right: Value) -> Value:
         result = left + right
         return result if result.__class__ is float or INT_MIN <= result <= INT_MAX else wrap32(result)
     if left.__class__ is str and right.__class__ is str:
-        return joined(left, right)
+        return as_string(left + right)
     return _elementwise(_ADD, left, right)
 
 
@@ -433,6 +434,12 @@ UNSHARED = _references_when_unshared("v_a = _references(v_a)")
 _UNSHARED_ARGUMENT = _references_when_unshared("v_a = _set_item(v_a, 0, 1)")
 
 
+def copied(value: list[Value]) -> list[Value]:
+    """A copy of a list, to write an element of it."""
+    METER.left -= len(value) // 8
+    return value.copy() if value.__class__ is list else list_with_capacity(value.copy(), value.capacity)
+
+
 def set_item(value: Value, key: Key, item: Value) -> Value:
     """`value` with `item` as its element `key`.
 
@@ -444,8 +451,7 @@ def set_item(value: Value, key: Key, item: Value) -> Value:
         if count_references(value) == _UNSHARED_ARGUMENT and item.__class__ in _SCALARS:
             value[key] = item
             return value
-        METER.left -= len(value) // 8
-        result = BoundedList(value, value.capacity) if value.__class__ is BoundedList else value.copy()
+        result = copied(value)
         result[key] = item
     elif key.__class__ is str:
         member(value, key)

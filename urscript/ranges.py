@@ -51,7 +51,7 @@ _MAX_ROUNDS: Final = 5
 """Times that the body of a loop is followed, after which everything is forgotten that it changes; usually two."""
 
 _MAX_STATEMENTS: Final = 300
-"""Statements followed before a loop is compiled, after which inner loops are no longer followed: about a millisecond."""
+"""Statements followed before a loop is compiled, after which inner loops are no longer followed: a millisecond."""
 
 
 @dataclass(slots=True)
@@ -267,12 +267,12 @@ class Ranges:
             if self._known is None:
                 return
             if isinstance(statement, If):
-                ends = []
+                ends: list[_Known | None] = []
                 for condition, block in statement.branches:
                     before = self.place()
                     self.assume(condition, True)
                     self._body(block)
-                    ends.append(self._known)
+                    ends.append(self.place())
                     self._known = before
                     self.assume(condition, False)
                 self._body(statement.otherwise)

@@ -42,7 +42,7 @@ from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
 from urscript.pieces import piece_name
 from urscript.pycode import BATCHES, instruction_position, script_line
-from urscript.values import TYPE_NAMES, UNSET, Value
+from urscript.values import TYPE_NAMES, UNSET, Pose, Value
 
 
 def error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
@@ -499,6 +499,7 @@ _HELPERS: dict[str, Any] = {
     "_gt": operators.gt,
     "_ge": operators.ge,
     "_pose": operators.pose_literal,
+    "_new_pose": Pose,
     "_numbers": operators.number_list,
     "_struct": operators.make_struct,
     "_len": len,
@@ -507,6 +508,7 @@ _HELPERS: dict[str, Any] = {
     "_cell": operators.cell,
     "_member": member,
     "_references": operators.count_references,
+    "_copied": operators.copied,
     "_set_item": operators.set_item,
     "_set_path": operators.set_path,
     "_retype": operators.retype,

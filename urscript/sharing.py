@@ -1,4 +1,4 @@
-"""Lists that only one variable refers to: an element of those is written in place, without looking whether it may be."""
+"""Lists that only one variable can refer to: their elements are written in place without a test."""
 
 from collections.abc import Iterator
 

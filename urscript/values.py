@@ -150,9 +150,8 @@ def type_name(value: object) -> str:
 # text
 
 
-def joined(left: str, right: str) -> str:
-    """Concatenate two strings; raises RuntimeFault beyond 1023 bytes."""
-    text = left + right
+def as_string(text: str) -> str:
+    """The string that two joined ones are, given the text of both; raises RuntimeFault beyond 1023 bytes."""
     size = len(text)
     if not text.isascii():
         data = to_bytes(text)
@@ -279,6 +278,14 @@ MAX_PHYSICAL = 1e12
 """Largest physical number in a pose or list, in any unit; its square can still be computed. A guess."""
 
 
+def _is_moderate(items: list[Value]) -> bool:
+    """Whether a list certainly holds no number beyond `MAX_PHYSICAL`: then its length as a vector is not, either."""
+    try:
+        return math.hypot(*items) <= MAX_PHYSICAL
+    except (TypeError, OverflowError):  # not only numbers
+        return False
+
+
 @dataclass(frozen=True)
 class PhysicalKind(Kind):
     """Restricts another kind to finite numbers, which in lists and poses do not exceed `MAX_PHYSICAL`."""
@@ -290,7 +297,7 @@ class PhysicalKind(Kind):
         if accepted.__class__ is float:
             if not math.isfinite(accepted):
                 raise NotPhysicalError
-        elif isinstance(accepted, list):
+        elif isinstance(accepted, list) and not _is_moderate(accepted):
             for item in accepted:
                 if item.__class__ is float and not -MAX_PHYSICAL <= item <= MAX_PHYSICAL:
                     raise NotPhysicalError

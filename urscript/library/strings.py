@@ -8,7 +8,7 @@ from urproto.text import BLANKS, from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
-from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, joined, to_text
+from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, as_string, to_text
 
 LIBRARY = Library("strings")
 
@@ -51,7 +51,7 @@ def str_at(src: Str, index: Int) -> str:
 def str_cat(op1: Any_, op2: Any_) -> str:
     """The texts of two values, one after the other; a runtime error beyond 1023 bytes."""
     left = op1 if op1.__class__ is str else to_text(op1)
-    return joined(left, op2 if op2.__class__ is str else to_text(op2))
+    return as_string(left + (op2 if op2.__class__ is str else to_text(op2)))
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2")
