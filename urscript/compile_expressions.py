@@ -31,7 +31,7 @@ from urscript.inference import (
 )
 from urscript.inline_calls import inline_call, joined
 from urscript.literals import call_problems
-from urscript.number_code import ARITHMETIC_HELPERS, element, number_arithmetic
+from urscript.number_code import ARITHMETIC_HELPERS, arithmetic_helper, element, number_arithmetic
 from urscript.pycode import (
     LOAD,
     STORE,
@@ -381,7 +381,7 @@ class ExpressionCompiler:
                 self.size += 4
                 return joined(left, right, place)
             self.unforeseen += 1
-            return call(ARITHMETIC_HELPERS[operator], place, left, right)
+            return call(arithmetic_helper(operator, *kinds), place, left, right)
         ordered = all(map(is_ordered, kinds))
         if operator in _ORDER:
             helper, native = _ORDER[operator]

@@ -477,6 +477,7 @@ class _BodyCompiler(ExpressionCompiler):
         after, followed = self.ranges.enter(node)
         yield followed * _FOLLOWING_WORK
         test = self.condition(node.condition)
+        once = self.called_work == called  # else it calls functions, which must not be called twice
         if self.unit.stepped:  # before each pass; _step returns None
             passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
@@ -488,7 +489,7 @@ class _BodyCompiler(ExpressionCompiler):
         else:
             work, at = passes
             body = yield from self._plain(node.body)
-            if self.unforeseen == before:
+            if self.unforeseen == before and once:
                 for exit_ in self._exits:
                     if isinstance(exit_, ast.If) and isinstance(exit_.body[0], ast.Continue) and not is_true(test):
                         exit_.test, exit_.orelse = test, [ast.Break(**at)]

@@ -231,7 +231,11 @@ def arithmetic(operator: str, left: KindSet, right: KindSet) -> KindSet:
     if (left | right) & ~(NUMBER | _VECTORS):
         return ANYTHING
     if is_vector(left) or is_vector(right):
-        return VECTOR
+        if (left | right) & VECTOR:
+            return VECTOR
+        return _list_of(
+            arithmetic(operator, *(element_kind(kind) if is_vector(kind) else kind for kind in (left, right)))
+        )
     if (left | right) & _VECTORS:
         return ANYTHING
     if operator == "/" or FLOAT in (left, right):

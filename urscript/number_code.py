@@ -9,7 +9,7 @@ error. Where such a test fails, it calls `urscript.operators`, which implements 
 import ast
 from typing import Final
 
-from urscript.inference import FLOAT, KindSet
+from urscript.inference import FLOAT, FLOATS, KindSet, is_number
 from urscript.operators import UNSHARED
 from urscript.pycode import LOAD, STORE, Place, call, constant, load
 from urscript.ranges import Ranges
@@ -23,6 +23,14 @@ _RESULT: Final = "_n"
 
 _QUICK: Final = 2**30 - 1
 """Up to here Python compares ints in one step. `_wrap` looks at larger ones, few of which need a wrap."""
+
+
+def arithmetic_helper(operator: str, left: KindSet, right: KindSet) -> str:
+    """The function that performs an operation on operands of these kinds, by its name in compiled code."""
+    name = ARITHMETIC_HELPERS[operator]
+    if left == FLOATS:
+        return f"{name}_lists" if right == FLOATS else f"{name}_by_number" if is_number(right) else name
+    return f"{name}_each" if right == FLOATS and is_number(left) else name
 
 
 def number_arithmetic(

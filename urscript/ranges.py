@@ -325,6 +325,9 @@ class Ranges:
                 return _POSE_LENGTH
             case Name():
                 return self._known.lengths.get(node.name) if self._known is not None else None
+            case Binary():  # of two lists of the same length, or of a list and a number
+                left = self._length(node.left)
+                return self._length(node.right) if left is None else left
             case Call() if node.name == _LIST_MAKER and node.arguments and self._is_builtin(node.name):
                 low, high = self.range_of(node.arguments[0]) or _ANY
                 return low if low == high else None

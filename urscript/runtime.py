@@ -503,6 +503,7 @@ _HELPERS: dict[str, Any] = {
     "_numbers": operators.number_list,
     "_struct": operators.make_struct,
     "_len": len,
+    **operators.FLOAT_LISTS,
     **inline_calls.HELPERS,
     "_index": operators.index,
     "_cell": operators.cell,
