@@ -1,7 +1,6 @@
 """Compile expressions to Python: arithmetic and element access become calls of `urscript.operators`."""
 
 import ast
-import difflib
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -139,38 +138,10 @@ class Unit:
     def explain(self, error: CompileError) -> Steps[None]:
         """Add "did you mean ...?" to the message for an unknown name; the search for a similar name takes steps."""
         name, candidates = self.unexplained.pop(id(error), ("", list[str]))
-        closest = (yield from _closest_name(name, candidates())) if name else ""
+        closest = (yield from hints.closest_name(name, candidates())) if name else ""
         if closest:
             error.message += f"; did you mean '{closest}'?"
             error.args = (error.message,)
-
-
-_MAX_CANDIDATES = 2000
-"""Limit for the search for a similar name: the number of known names, and the length of the unknown one."""
-
-_SIMILAR = 0.6  # ratio of `difflib`, from 0 to 1, above which a name counts as similar
-_COMPARING_WORK = 3, 12  # to compare which letters two names have, and in which order
-_COMPARED = 60  # work between two yields
-
-
-def _closest_name(name: str, candidates: list[str]) -> Steps[str]:
-    if len(name) > _MAX_CANDIDATES or len(candidates) > _MAX_CANDIDATES:
-        return ""
-    by_small_letters = {candidate.lower(): candidate for candidate in candidates}
-    matcher = difflib.SequenceMatcher[str](b=name.lower())
-    best, work = (_SIMILAR, ""), 0.0
-    for candidate in by_small_letters:  # as `difflib.get_close_matches` does
-        matcher.set_seq1(candidate)
-        work += 0.5
-        if matcher.real_quick_ratio() >= best[0]:
-            work += _COMPARING_WORK[0]
-            if matcher.quick_ratio() >= best[0]:
-                work += _COMPARING_WORK[1]
-                best = max(best, (matcher.ratio(), candidate))
-        if work >= _COMPARED:
-            yield round(work)
-            work = 0.0
-    return by_small_letters.get(best[1], "")
 
 
 class ExpressionCompiler:

@@ -320,6 +320,7 @@ class _BodyCompiler(ExpressionCompiler):
         code: list[ast.stmt] = [ast.Return(value=returned, **place)]
         run = self.pieces.add(code, self.inline - before, self.stored_globals, place)
         self.size += 1
+        self.unforeseen += 1
         self.stored_globals = outer
         self.hoisted[id(nodes[0])] = (len(nodes), run if alone else ast.Starred(value=run, ctx=LOAD, **place))
         yield from self._count()
@@ -471,9 +472,9 @@ class _BodyCompiler(ExpressionCompiler):
         return rest.code
 
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
+        before, called = self.unforeseen, self.called_work
         if self._divided:
             yield from self._divide(node.condition)
-        before, called = self.unforeseen, self.called_work
         after, followed = self.ranges.enter(node)
         yield followed * _FOLLOWING_WORK
         test = self.condition(node.condition)
@@ -483,22 +484,26 @@ class _BodyCompiler(ExpressionCompiler):
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
         outer, self._exits = self._exits, []
         self.ranges.assume(node.condition, truth=True)
-        passes = None if self._divided or self.unit.stepped else _pass(node)
+        passes = None if self.unit.stepped else _pass(node)
         if passes is None:
             body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
         else:
             work, at = passes
             body = yield from self._plain(node.body)
-            if self.unforeseen == before and once:
-                for exit_ in self._exits:
-                    if isinstance(exit_, ast.If) and isinstance(exit_.body[0], ast.Continue) and not is_true(test):
-                        exit_.test, exit_.orelse = test, [ast.Break(**at)]
+            if once and self.unforeseen == before:
+                self._check_condition_at_each_continue(test, at)
                 body = in_batches(test, body, work, work + self.called_work - called, place)
             body = [*charge(work, at, park=True), *body]
         self.ranges.go_to(after)
         outer += [exit_ for exit_ in self._exits if isinstance(exit_, ast.Return)]
         self._exits = outer
         return [ast.While(test=test, body=body, orelse=[], **place)]
+
+    def _check_condition_at_each_continue(self, condition: ast.expr, place: Place) -> None:
+        """``if condition: continue``, ``else: break`` in the loop of a batch, which does not check the condition."""
+        for exit_ in self._exits:
+            if isinstance(exit_, ast.If) and isinstance(exit_.body[0], ast.Continue) and not is_true(condition):
+                exit_.test, exit_.orelse = condition, [ast.Break(**place)]
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:
         back = ast.Return(value=None if node.value is None else self.expression(node.value), **place)

@@ -4,6 +4,7 @@ A hint is only ever appended to an error. This module decides neither which prog
 controller reports the error.
 """
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -282,3 +283,32 @@ def _shows_a_missing_end(token: Token, block: _Block, around: Sequence[_Block]) 
     if token.kind in ("end", "else", "elif"):
         return token.column < block.column and any(outer.column == token.column for outer in around)
     return token.column <= block.column
+
+
+_MAX_CANDIDATES = 2000
+"""Limit for the search for a similar name: the number of known names, and the length of the unknown one."""
+
+_SIMILAR = 0.6  # ratio of `difflib`, from 0 to 1, above which a name counts as similar
+_COMPARING_WORK = 3, 12  # to compare which letters two names have, and in which order
+_COMPARED = 60  # work between two yields
+
+
+def closest_name(name: str, candidates: list[str]) -> Steps[str]:
+    """The candidate that is most similar to an unknown name; empty if none is."""
+    if len(name) > _MAX_CANDIDATES or len(candidates) > _MAX_CANDIDATES:
+        return ""
+    by_small_letters = {candidate.lower(): candidate for candidate in candidates}
+    matcher = difflib.SequenceMatcher[str](b=name.lower())
+    best, work = (_SIMILAR, ""), 0.0
+    for candidate in by_small_letters:  # as `difflib.get_close_matches` does
+        matcher.set_seq1(candidate)
+        work += 0.5
+        if matcher.real_quick_ratio() >= best[0]:
+            work += _COMPARING_WORK[0]
+            if matcher.quick_ratio() >= best[0]:
+                work += _COMPARING_WORK[1]
+                best = max(best, (matcher.ratio(), candidate))
+        if work >= _COMPARED:
+            yield round(work)
+            work = 0.0
+    return by_small_letters.get(best[1], "")

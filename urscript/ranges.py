@@ -55,7 +55,7 @@ _MAX_STATEMENTS: Final = 300
 
 
 @dataclass(slots=True)
-class _Known:
+class Known:
     """What is known at one place.
 
     below: pairs of an int variable and a sequence or string whose length is greater.
@@ -65,8 +65,8 @@ class _Known:
     lengths: dict[str, int] = field(default_factory=dict)  # of sequences
     below: set[tuple[str, str]] = field(default_factory=set)
 
-    def copy(self) -> "_Known":
-        return _Known(self.ints.copy(), self.lengths.copy(), self.below.copy())
+    def copy(self) -> "Known":
+        return Known(self.ints.copy(), self.lengths.copy(), self.below.copy())
 
     def forget(self, names: Set[str]) -> None:
         for name in names:
@@ -75,7 +75,7 @@ class _Known:
         if self.below:
             self.below = {pair for pair in self.below if names.isdisjoint(pair)}
 
-    def widened(self, later: "_Known") -> "_Known":
+    def widened(self, later: "Known") -> "Known":
         """What is still known when a pass of a loop begins with this, or with what is known after a pass."""
         ints: dict[str, Range] = {}
         for name, (low, high) in self.ints.items():
@@ -86,10 +86,10 @@ class _Known:
                 high = INT_MAX
             if (low, high) != _ANY:
                 ints[name] = low, high
-        return _Known(ints, dict(self.lengths.items() & later.lengths.items()), self.below & later.below)
+        return Known(ints, dict(self.lengths.items() & later.lengths.items()), self.below & later.below)
 
 
-def _met(known: Iterable[_Known | None]) -> _Known | None:
+def _met(known: Iterable[Known | None]) -> Known | None:
     """What is known where several ways meet; None where none of them arrives."""
     ways = [one for one in known if one is not None]
     if not ways:
@@ -120,10 +120,10 @@ class Ranges:
         self._builtins = builtins
         self._kinds = kinds
         self._following = following
-        self._known: _Known | None = _Known()  # None where nothing arrives, as after a return
+        self._known: Known | None = Known()  # None where nothing arrives, as after a return
         self._resized = {root(method.target) for method in scope.methods} if following else set[str]()
-        self._breaks: list[_Known | None] = []  # what is known at each break of the loop that is being followed
-        self._passes: list[_Known | None] = []  # and at each continue
+        self._breaks: list[Known | None] = []  # what is known at each break of the loop that is being followed
+        self._passes: list[Known | None] = []  # and at each continue
         self._statements = 0
 
     # questions
@@ -178,11 +178,11 @@ class Ranges:
 
     # the way through the body
 
-    def place(self) -> _Known | None:
+    def place(self) -> Known | None:
         """What is known here, to return to later with `go_to`."""
         return self._known.copy() if self._known is not None else None
 
-    def go_to(self, *places: _Known | None) -> None:
+    def go_to(self, *places: Known | None) -> None:
         """Continue where one or several ways meet."""
         self._known = _met(places)
 
@@ -221,7 +221,7 @@ class Ranges:
                 self._passes.append(self._known)
                 self._known = None
 
-    def enter(self, loop: While) -> tuple[_Known | None, int]:
+    def enter(self, loop: While) -> tuple[Known | None, int]:
         """Go to the beginning of a pass, before the condition is evaluated.
 
         Returns what is known after the loop, and the number of statements that had to be followed.
@@ -235,7 +235,7 @@ class Ranges:
 
     # following
 
-    def _loop(self, loop: While) -> tuple[_Known, _Known | None]:
+    def _loop(self, loop: While) -> tuple[Known, Known | None]:
         """What is known at the beginning of every pass, and after the loop."""
         assert self._known is not None
         outer = self._breaks, self._passes
@@ -267,7 +267,7 @@ class Ranges:
             if self._known is None:
                 return
             if isinstance(statement, If):
-                ends: list[_Known | None] = []
+                ends: list[Known | None] = []
                 for condition, block in statement.branches:
                     before = self.place()
                     self.assume(condition, True)
