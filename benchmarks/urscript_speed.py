@@ -42,7 +42,10 @@ BIG_PROGRAM = "def big():\n" + "".join(FUNCTION.format(n=n) for n in range(86)) 
 
 
 class _OneFrame:
-    """A host whose frame never ends."""
+    """A host whose frame lasts until the program ends.
+
+    Its budget is nevertheless a number that Python computes with in one step, like that of a controller's frame.
+    """
 
     period_s = 100.0
 
