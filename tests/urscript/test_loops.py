@@ -184,6 +184,7 @@ def test_batches_of_passes_change_nothing(body, start):
         ("k = 5\nif not (k >= length(a) and i == 1):\nreturn a[k]\nend", 5),
         ("k = 5\nif k < length(a) and i == 0:\nj = 0\nend\nreturn a[k]", 5),
         ("k = 5\nt = k < length(a) and i == 0\nreturn a[k]", 5),
+        ("k = 2\nwhile i < 4:\nj = a[k]\nk = k - 1\ni = i + 1\nend\nreturn j", -1),
         ("while k <= length(a):\nj = a[k]\nk = k + 1\nend\nreturn j", 3),
         ("while not k > length(a):\nj = a[k]\nk = k + 1\nend\nreturn j", 3),
         ("a.pop()\nreturn a[2]", 2),
