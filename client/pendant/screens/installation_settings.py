@@ -38,8 +38,7 @@ class _Form:
     def __init__(self, page: Page, views: Views) -> None:
         self._page, self._views = page, views
         self._section: Section = next(iter(SECTIONS.values()))
-        self._rows: list[Row] = []
-        self._rows_known = False  # the emulator has answered since the section was chosen
+        self._rows: list[Row] | None = None  # None until the emulator has answered for the section
         self._sections_shown = 0
         self._row: Row | None = None  # None while a new one is being entered
         self._inputs: dict[str, _Input] = {}
@@ -74,12 +73,12 @@ class _Form:
         section, (_, answer) = self._section, numbered_answer
         if answer is None or section.name not in answer["sections"]:
             return
-        self._rows, self._rows_known = answer["sections"][section.name], True
+        rows = self._rows = answer["sections"][section.name]
         self._file.set_text(f"File: {answer['file']}")
         if section.listed:
-            names = [row[section.key] for row in self._rows]
+            names = [row[section.key] for row in rows]
             shown = self._row_select.value if self._row_select.value in names else next(iter(names), None)
-            self._row_select.set_options({row[section.key]: _row_title(row) for row in self._rows}, value=shown)
+            self._row_select.set_options({row[section.key]: _row_title(row) for row in rows}, value=shown)
         self._show_row()
 
     # selection
@@ -87,7 +86,7 @@ class _Form:
     def _show_section(self, name: str) -> None:
         section = self._section = SECTIONS[name]
         self._sections_shown += 1
-        self._rows, self._rows_known, self._row, self._inputs = [], False, None, {}
+        self._rows, self._row, self._inputs = None, None, {}
         self._fields.clear()
         self._row_select.set_options({}, value=None)
         self._row_select.set_visibility(section.listed)
@@ -98,7 +97,7 @@ class _Form:
 
     def _show_row(self) -> None:
         section = self._section
-        if not self._rows_known:
+        if self._rows is None:
             return  # fields shown now would be replaced by the answer, with what was typed
         row = next(
             (row for row in self._rows if not section.listed or row[section.key] == self._row_select.value), None
@@ -144,7 +143,7 @@ class _Form:
     def _select_row(self, name: str) -> None:
         """Select the row of this name, which may not have arrived yet."""
         self._row_select.set_options(
-            {row[self._section.key]: _row_title(row) for row in self._rows} | {name: name}, value=name
+            {row[self._section.key]: _row_title(row) for row in self._rows or ()} | {name: name}, value=name
         )
 
 
