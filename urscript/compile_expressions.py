@@ -28,7 +28,7 @@ from urscript.inference import (
     is_sequence,
     is_vector,
 )
-from urscript.inline_calls import inline_call, joined
+from urscript.inline_calls import BuiltinCall, inline_call, joined
 from urscript.literals import call_problems
 from urscript.number_code import ARITHMETIC_HELPERS, arithmetic_helper, element, number_arithmetic
 from urscript.pycode import (
@@ -465,7 +465,7 @@ class ExpressionCompiler:
             arguments.insert(0, load("_locals", place))
         if not checked and not node.keywords:
             kinds = [self.kind(argument) for argument in node.arguments]
-            inline = inline_call(builtin.name, node.arguments, kinds, arguments, place, self.ranges)
+            inline = inline_call(BuiltinCall(builtin.name, node.arguments, kinds, arguments, place), self.ranges)
             if inline is not None:
                 return inline
         self.unforeseen += 1

@@ -6,6 +6,7 @@ case, and calls the built-in for every other one, such as a position out of boun
 
 import ast
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from math import cos, sin, sqrt
 from typing import Any, Final
 
@@ -20,105 +21,80 @@ HELPERS: Final[dict[str, Any]] = {"_sin": sin, "_cos": cos, "_sqrt": sqrt, "_str
 """The Python functions that the expressions call, by their names in compiled code."""
 
 _FINITE: Final = 1e300  # the built-in itself looks at larger numbers, which may be infinite
-_Inline = Callable[[str, Sequence[Expression], Sequence[KindSet], list[ast.expr], Place, Ranges], ast.expr | None]
 
 
-def inline_call(
-    name: str,
-    nodes: Sequence[Expression],
-    kinds: Sequence[KindSet],
-    arguments: list[ast.expr],
-    place: Place,
-    ranges: Ranges,
-) -> ast.expr | None:
-    """The Python expression for a call of a built-in, given its arguments, their kinds and their Python code.
+@dataclass(frozen=True, slots=True)
+class BuiltinCall:
+    """A call of a built-in with its arguments by position. kinds, code: of the arguments, and their Python code."""
 
-    None when there is none: the built-in must then be called.
-    """
-    inline = _INLINE.get(name)
-    return (
-        None if inline is None or len(nodes) != len(arguments) else inline(name, nodes, kinds, arguments, place, ranges)
-    )
+    name: str
+    arguments: Sequence[Expression]
+    kinds: Sequence[KindSet]
+    code: Sequence[ast.expr]
+    place: Place
+
+    def general(self, *arguments: ast.expr) -> ast.expr:
+        """The Python expression that calls the built-in."""
+        return call(f"u_{self.name}", self.place, *arguments)
+
+    def either(self, test: ast.expr, usual: ast.expr, general: ast.expr) -> ast.expr:
+        return ast.IfExp(test=test, body=usual, orelse=general, **self.place)
 
 
-def _length(
-    name: str,
-    nodes: Sequence[Expression],
-    kinds: Sequence[KindSet],
-    arguments: list[ast.expr],
-    place: Place,
-    ranges: Ranges,
-) -> ast.expr | None:
-    (value,) = arguments
+_Inline = Callable[[BuiltinCall, Ranges], ast.expr | None]
+
+
+def inline_call(built_in: BuiltinCall, ranges: Ranges) -> ast.expr | None:
+    """The Python expression for a call of a built-in; None when there is none, and the built-in must be called."""
+    inline = _INLINE.get(built_in.name)
+    return None if inline is None or len(built_in.arguments) != len(built_in.code) else inline(built_in, ranges)
+
+
+def _length(built_in: BuiltinCall, _: Ranges) -> ast.expr | None:
+    (value,), (kind,), place = built_in.code, built_in.kinds, built_in.place
     length = call("_len", place, value)
-    if is_sequence(kinds[0]):
+    if is_sequence(kind):
         return length
-    if kinds[0] != STRING or not isinstance(value, ast.Name):
+    if kind != STRING or not isinstance(value, ast.Name):
         return None
-    return _either(_is_ascii(value, place), length, call(f"u_{name}", place, value), place)
+    return built_in.either(_is_ascii(value, place), length, built_in.general(value))
 
 
-def _character(
-    name: str,
-    nodes: Sequence[Expression],
-    kinds: Sequence[KindSet],
-    arguments: list[ast.expr],
-    place: Place,
-    ranges: Ranges,
-) -> ast.expr | None:
-    text, position = arguments
-    if kinds[0] != STRING or kinds[1] != INT or not isinstance(nodes[0], Name) or not isinstance(text, ast.Name):
+def _character(built_in: BuiltinCall, ranges: Ranges) -> ast.expr | None:
+    (name, position), (text, code), place = built_in.arguments, built_in.code, built_in.place
+    if tuple(built_in.kinds) != (STRING, INT) or not isinstance(name, Name) or not isinstance(text, ast.Name):
         return None
-    position, again = kept(nodes[1], position, place)
-    test = _is_ascii(text, place)
-    if (inside := within(nodes[0], text, nodes[1], position, place, ranges)) is not None:
-        test = ast.BoolOp(op=ast.And(), values=[inside, test], **place)
+    first, again = kept(position, code, place)
+    inside, ascii_ = within(name, text, position, first, place, ranges), _is_ascii(text, place)
+    if inside is None:
+        test, again = ascii_, code
     else:
-        again = arguments[1]
+        test = ast.BoolOp(op=ast.And(), values=[inside, ascii_], **place)
     character = ast.Subscript(value=text, slice=again, ctx=LOAD, **place)
-    return _either(test, character, call(f"u_{name}", place, text, again), place)
+    return built_in.either(test, character, built_in.general(text, again))
 
 
-def _function(
-    name: str,
-    nodes: Sequence[Expression],
-    kinds: Sequence[KindSet],
-    arguments: list[ast.expr],
-    place: Place,
-    ranges: Ranges,
-) -> ast.expr | None:
+def _function(built_in: BuiltinCall, _: Ranges) -> ast.expr | None:
     """A function of one number, for numbers on which Python's function is defined."""
-    if not is_number(kinds[0]):
+    if not is_number(built_in.kinds[0]):
         return None
-    value, again = kept(nodes[0], arguments[0], place)
-    if name == "sqrt":
+    place = built_in.place
+    value, again = kept(built_in.arguments[0], built_in.code[0], place)
+    if built_in.name == "sqrt":
         test = ast.Compare(left=value, ops=[ast.GtE()], comparators=[constant(0, place)], **place)
     else:
         bounds = constant(-_FINITE, place), constant(_FINITE, place)
         test = ast.Compare(left=bounds[0], ops=[ast.Lt(), ast.Lt()], comparators=[value, bounds[1]], **place)
-    return _either(test, call(f"_{name}", place, again), call(f"u_{name}", place, again), place)
+    return built_in.either(test, call(f"_{built_in.name}", place, again), built_in.general(again))
 
 
-def _text(
-    name: str,
-    nodes: Sequence[Expression],
-    kinds: Sequence[KindSet],
-    arguments: list[ast.expr],
-    place: Place,
-    ranges: Ranges,
-) -> ast.expr | None:
-    return _as_text(kinds[0], arguments[0], place)
+def _text(built_in: BuiltinCall, _: Ranges) -> ast.expr | None:
+    return _as_text(built_in.kinds[0], built_in.code[0], built_in.place)
 
 
-def _joined_texts(
-    name: str,
-    nodes: Sequence[Expression],
-    kinds: Sequence[KindSet],
-    arguments: list[ast.expr],
-    place: Place,
-    ranges: Ranges,
-) -> ast.expr | None:
-    left, right = (_as_text(kind, value, place) for kind, value in zip(kinds, arguments, strict=True))
+def _joined_texts(built_in: BuiltinCall, _: Ranges) -> ast.expr | None:
+    kinds, code, place = built_in.kinds, built_in.code, built_in.place
+    left, right = (_as_text(kind, value, place) for kind, value in zip(kinds, code, strict=True))
     return None if left is None or right is None else joined(left, right, place)
 
 
@@ -132,7 +108,11 @@ def joined(left: ast.expr, right: ast.expr, place: Place) -> ast.expr:
     text, again = keep(ast.BinOp(left, ast.Add(), right, **place), place)
     short = ast.Compare(call("_len", place, again), [ast.LtE()], [constant(MAX_STRING, place)], **place)
     test = ast.BoolOp(ast.And(), [_is_ascii(text, place), short], **place)
-    return _either(test, again, call("_as_string", place, again), place)
+    return ast.IfExp(test=test, body=again, orelse=call("_as_string", place, again), **place)
+
+
+def _is_ascii(text: ast.expr, place: Place) -> ast.expr:
+    return ast.Call(attribute(text, "isascii", place), [], [], **place)
 
 
 _INLINE: Final[dict[str, _Inline]] = {
@@ -146,11 +126,3 @@ _INLINE: Final[dict[str, _Inline]] = {
     "cos": _function,
     "sqrt": _function,
 }
-
-
-def _is_ascii(text: ast.expr, place: Place) -> ast.expr:
-    return ast.Call(attribute(text, "isascii", place), [], [], **place)
-
-
-def _either(test: ast.expr, usual: ast.expr, general: ast.expr, place: Place) -> ast.expr:
-    return ast.IfExp(test=test, body=usual, orelse=general, **place)

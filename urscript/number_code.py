@@ -9,7 +9,7 @@ error. Where such a test fails, it calls `urscript.operators`, which implements 
 import ast
 from typing import Final
 
-from urscript.inference import FLOAT, FLOATS, KindSet, is_number
+from urscript.inference import FLOAT, FLOATS, INT, KindSet, is_number
 from urscript.operators import UNSHARED
 from urscript.pycode import LOAD, STORE, Place, call, constant, load
 from urscript.ranges import Ranges
@@ -42,7 +42,7 @@ def number_arithmetic(
     if operator == "/":
         return _divide(node, plain, place)
     if operator == "%":
-        return _modulo(node, plain, place, ranges)
+        return _modulo(node, kind, plain, place, ranges)
     return plain if kind == FLOAT or ranges.fits(node) else _wrapped(node, plain, place)
 
 
@@ -95,8 +95,8 @@ def _divide(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
     return call("_div", place, plain.left, plain.right)
 
 
-def _modulo(node: Binary, plain: ast.BinOp, place: Place, ranges: Ranges) -> ast.expr:
-    """The Python code for ``%``: Python's operator equals that of C when neither operand is negative."""
+def _modulo(node: Binary, kind: KindSet, plain: ast.BinOp, place: Place, ranges: Ranges) -> ast.expr:
+    """The Python code for ``%``: Python's operator equals that of C when neither operand is negative, or -0.0."""
     right = ranges.range_of(node.right)
     positive = _is_positive(node.right) or (right is not None and right[0] > 0)
     if positive and ranges.is_not_negative(node.left):
@@ -104,8 +104,8 @@ def _modulo(node: Binary, plain: ast.BinOp, place: Place, ranges: Ranges) -> ast
     if not positive and not isinstance(node.right, Name):
         return call("_mod", place, plain.left, plain.right)
     first, again = kept(node.left, plain.left, place)
-    ops: list[ast.cmpop] = [ast.GtE()] if positive else [ast.GtE(), ast.Lt()]
-    bounds = [constant(0, place)] if positive else [constant(0, place), plain.right]
+    ops: list[ast.cmpop] = [ast.GtE() if kind == INT else ast.Gt(), *([] if positive else [ast.Lt()])]
+    bounds = [constant(0, place), *([] if positive else [plain.right])]
     return ast.IfExp(
         test=ast.Compare(left=first, ops=ops, comparators=bounds, **place),
         body=ast.BinOp(left=again, op=ast.Mod(), right=plain.right, **place),

@@ -254,6 +254,7 @@ def run(tree: Node) -> Any:
 @example(Binary(0, 0, "<", Constant(0, 0, True), Constant(0, 0, 1)))
 @example(Binary(0, 0, "%", Constant(0, 0, -(2**31)), Constant(0, 0, -1)))
 @example(Binary(0, 0, "/", Constant(0, 0, -1), Constant(0, 0, -0.0)))
+@example(Binary(0, 0, "%", Constant(0, 0, -0.0), Constant(0, 0, 1)))
 def test_arithmetic_agrees_with_an_independent_evaluator(tree: Node) -> None:
     try:
         expected = repr(evaluate(tree))

@@ -4,51 +4,26 @@ Neither wraps and tests that range analysis leaves out nor batches of passes cha
 frame in which anything happens.
 """
 
+import sys
+from pathlib import Path
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.budget import examples
-from urproto.versions import PolyscopeVersion
-from urscript import LibrarySet, Runtime, compile_script, compile_statements, compiler
-from urscript.inference import Kinds
-from urscript.library import LIBRARIES
-from urscript.values import to_text
+from urscript import compile_statements
 
-SET = LibrarySet(LIBRARIES)
-VERSION = PolyscopeVersion.parse("5.22")
+sys.path.insert(0, str(Path(__file__).parent))  # importlib mode does not add the folder
 
-
-class _Host:
-    period_s = 0.002
-
-    def on_label(self, number, text, option, thread):
-        raise AssertionError("these programs have no labels")
-
-
-def _nothing_known(program, builtins):
-    yield 1
-    return Kinds(program, builtins, {})
-
-
-def _run(text, frames=300):
-    """The frames until the program is finished, its variables, and the line of its error."""
-    compiler._cache.clear()
-    runtime = Runtime(compile_script(text, SET, VERSION), _Host())
-    compiler._cache.clear()
-    taken = 0
-    while not runtime.finished and taken < frames:
-        runtime.step()
-        taken += 1
-    values = {name: (value.__class__.__name__, to_text(value, limit=10**6)) for name, value in runtime.globals.items()}
-    return taken, values, runtime.error and (runtime.error.line, runtime.error.message)
+from comparing import run, run_in_general
 
 
 def _one_pass_at_a_time(text):
     """What a program does when its loops are not executed in batches."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compile_statements, "in_batches", lambda condition, body, *_: body)
-        return _run(text)
+        return run(text)
 
 
 NUMBERS = st.sampled_from(["0", "1", "2", "3", "7", "-1", "-2", "40", "65536", "2147483647", "-2147483648"])
@@ -142,10 +117,7 @@ def _program(body, start="0"):
 
 def _agreed(text):
     """What a program does, which is the same with and without knowledge of its variables."""
-    found = _run(text)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiler, "infer_kinds", _nothing_known)
-        general = _run(text)
+    found, general = run(text), run_in_general(text)
     assert found[1:] == general[1:]
     return found
 
@@ -160,7 +132,7 @@ def test_loops_do_what_loops_do_of_which_nothing_is_known(body, start):
 @given(BODIES, st.sampled_from(["0", "-1"]))
 def test_batches_of_passes_change_nothing(body, start):
     text = _program(body, start).replace("60", "20000")
-    assert _run(text) == _one_pass_at_a_time(text)
+    assert run(text) == _one_pass_at_a_time(text)
 
 
 @pytest.mark.parametrize(
@@ -238,6 +210,6 @@ def test_what_a_loop_or_an_element_ends_up_as(body, result):
 )
 def test_long_loops_take_the_frames_their_passes_take(body):
     text = _program(body)
-    found = _run(text)
+    found = run(text)
     assert 5 < found[0] < 300
     assert found == _one_pass_at_a_time(text)
