@@ -23,7 +23,7 @@ from client.ros2.cameras import CameraNode
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.dashboard import DashboardNode
-from client.ros2.host import NodeHost
+from client.ros2.host import NodeHost, in_thread
 from client.ros2.publishing import Outbox
 from client.ros2.state_helper import StateHelperNode
 from client.ros2.state_publisher import RobotStatePublisher
@@ -102,34 +102,34 @@ class Ros2Driver:
         arm = robot.driver.robot.configuration
         model = calibrated_model(arm, calibration_of(await robot.driver.robot.kinematics())) if arm else None
         controllers = ControllerNodes(host, running, outbox, Transforms(host, scene))
-        opening.push_async_callback(asyncio.to_thread, controllers.close_all)
+        opening.push_async_callback(in_thread, controllers.close_all)
         loaded = running.load_all()
         for controller in loaded:
-            await asyncio.to_thread(controllers.open, controller)
-        running.on_loaded.append(lambda one: asyncio.to_thread(controllers.open, one))
-        running.on_unloaded.append(lambda one: asyncio.to_thread(controllers.close, one))
-        running.on_parameters.append(lambda one, values: asyncio.to_thread(controllers.set_parameters, one, values))
+            await in_thread(controllers.open, controller)
+        running.on_loaded.append(lambda one: in_thread(controllers.open, one))
+        running.on_unloaded.append(lambda one: in_thread(controllers.close, one))
+        running.on_parameters.append(lambda one, values: in_thread(controllers.set_parameters, one, values))
         broadcasters = [one for one in loaded if isinstance(one, JointStateBroadcaster)]
         if model is None:
             _logger.warning("unknown model of arm: robot_description and the arm's frames on /tf are not published")
         elif broadcasters:
-            states = await asyncio.to_thread(RobotStatePublisher, host, outbox, model, broadcasters[0], prefix)
-            opening.push_async_callback(asyncio.to_thread, states.close)
-        await asyncio.to_thread(ControllerManagerNode, host, running)
-        await asyncio.to_thread(lambda: host.spin(host.node(running.component.name.lower())))
+            states = await in_thread(RobotStatePublisher, host, outbox, model, broadcasters[0], prefix)
+            opening.push_async_callback(in_thread, states.close)
+        await in_thread(ControllerManagerNode, host, running)
+        await in_thread(lambda: host.spin(host.node(running.component.name.lower())))
         nodes: tuple[Any, ...] = (DashboardNode, StateHelperNode, URScriptNode)
         for kind in nodes:
-            node = await asyncio.to_thread(kind, host, robot.robot)
-            opening.push_async_callback(asyncio.to_thread, node.close)
+            node = await in_thread(kind, host, robot.robot)
+            opening.push_async_callback(in_thread, node.close)
         if self._options.cameras:
             await self._open_cameras(opening, host)
-        until = await asyncio.to_thread(TrajectoryUntilNode, host, self._options.controller)
-        opening.push_async_callback(asyncio.to_thread, until.close)
+        until = await in_thread(TrajectoryUntilNode, host, self._options.controller)
+        opening.push_async_callback(in_thread, until.close)
         if model is not None and can_plan():
             from client.ros2.move_group.node import MoveGroupNode
 
-            group = await asyncio.to_thread(MoveGroupNode, host, robot, model, prefix)
-            opening.push_async_callback(asyncio.to_thread, group.close)
+            group = await in_thread(MoveGroupNode, host, robot, model, prefix)
+            opening.push_async_callback(in_thread, group.close)
 
     async def _open_cameras(self, opening: AsyncExitStack, host: NodeHost) -> None:
         """Start the camera node. Raises CameraError for cameras that do not exist."""
@@ -137,8 +137,8 @@ class Ros2Driver:
         client = CameraClient(options.robot_ip, options.camera_port)
         opening.callback(client.close)
         cameras = await asyncio.to_thread(client.chosen, options.cameras)
-        node = await asyncio.to_thread(CameraNode, host, client, cameras, options.camera_hz, options.tf_prefix)
-        opening.push_async_callback(asyncio.to_thread, node.close)
+        node = await in_thread(CameraNode, host, client, cameras, options.camera_hz, options.tf_prefix)
+        opening.push_async_callback(in_thread, node.close)
         manager.on_cycle.append(lambda: node.set_robot_time(manager.time_s))
 
 

@@ -57,6 +57,21 @@ def interface_if_any(name: str) -> Any:
         return None
 
 
+async def in_thread(function: Callable[..., Result], *arguments: Any) -> Result:
+    """Call a function in another thread. A caller that is cancelled still waits for its end.
+
+    Nodes are made and closed this way, so that none is closed while it is being made.
+    """
+    call = asyncio.ensure_future(asyncio.to_thread(function, *arguments))
+    try:
+        return await asyncio.shield(call)
+    except asyncio.CancelledError:
+        if not call.cancelled():
+            await asyncio.wait([call])
+            call.exception()  # it is of no interest any more
+        raise
+
+
 class NodeHost:
     """Nodes of one ROS context; use it with ``async with``.
 
@@ -86,7 +101,7 @@ class NodeHost:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for node in list(self._spinning):
-            await asyncio.to_thread(self.close, node)  # in a thread: the node may be waiting for the event loop
+            await in_thread(self.close, node)  # the node may be waiting for the event loop
         self._context.try_shutdown()
 
     def node(self, name: str, overrides: Sequence[Parameter] = (), **options: Any) -> Node:

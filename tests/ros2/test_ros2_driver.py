@@ -1,6 +1,8 @@
 """The ROS 2 driver before a plain rclpy program in another process: what it offers, and what it outlives."""
 
+import asyncio
 import os
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import AsyncExitStack
@@ -10,10 +12,11 @@ from typing import Any
 import pytest
 from driver_rig import HOME, driver_options, emulator
 from ros2_requests import SUCCEEDED, TRIGGER, begin, follow, shifted, states, until
-from ros2_rig import PATIENCE_S, SCALED, Lab, laboratory
+from ros2_rig import HOST, PATIENCE_S, SCALED, Lab, laboratory
 
 from client.errors import ClientError
-from client.ros2.host import interface_if_any
+from client.ros2.driver import DriverOptions, Ros2Driver
+from client.ros2.host import NodeHost, interface_if_any
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
@@ -134,3 +137,24 @@ async def test_options_that_make_no_sense_are_refused_in_words(options: dict[str
         with pytest.raises(ClientError, match=words):
             async with laboratory(robot, driver_options(robot), **options):
                 pass
+
+
+@pytest.mark.asyncio(loop_scope="function")
+async def test_a_driver_that_is_cancelled_while_it_makes_a_node_leaves_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, at_work, go_on = asyncio.get_running_loop(), asyncio.Event(), threading.Event()
+    spin, before = NodeHost.spin, set(threading.enumerate())  # with the nodes of the other tests
+
+    def held(host: NodeHost, node: Any) -> None:
+        loop.call_soon_threadsafe(at_work.set)
+        assert go_on.wait(PATIENCE_S)
+        spin(host, node)
+
+    monkeypatch.setattr(NodeHost, "spin", held)
+    async with emulator("ur3") as robot:
+        opening = asyncio.ensure_future(Ros2Driver(DriverOptions(HOST, driver_options(robot))).__aenter__())
+        await at_work.wait()
+        opening.cancel()
+        loop.call_later(0.2, go_on.set)
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+    assert [thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith("ros ")] == []
