@@ -671,6 +671,7 @@ async def test_a_motion_ends_when_its_path_is_blocked(lab: Lab) -> None:
 
 
 async def test_planning_alone_moves_nothing(lab: Lab) -> None:
+    assert (await move(lab, goal=joint_goal(GOAL)))["status"] == SUCCEEDED
     await rests(lab, GOAL)
     before = stands(lab)
     answer = await move(lab, planning_options={"plan_only": True}, goal=joint_goal(HOME))
