@@ -539,16 +539,21 @@ class _BodyCompiler(ExpressionCompiler):
 
 
 def _is_heavy(statement: Statement) -> bool:
-    """True when the blocks inside charge their own work."""
-    return isinstance(statement, While) or (
-        isinstance(statement, If) and (statement.loops or statement.cost > _RUN_COST)
-    )
+    """True when the blocks inside draw their own work."""
+    return isinstance(statement, While) or (isinstance(statement, If) and statement.own_cost > _RUN_COST)
+
+
+def _own_cost(statement: Statement) -> int:
+    """The work of a statement, apart from what blocks inside draw."""
+    if _is_heavy(statement):
+        return _LOOP_COST
+    return statement.own_cost if isinstance(statement, If) else statement.cost
 
 
 def _pass(loop: While) -> tuple[int, Place] | None:
     """The work of one pass of a loop that is charged at once, and the place to charge it; None if there are several."""
     runs = list(_runs(loop.body, _LOOP_COST))
-    if len(runs) != 1 or any(map(_is_heavy, loop.body)):
+    if len(runs) != 1 or any(_is_heavy(inner) or (isinstance(inner, If) and inner.loops) for inner in loop.body):
         return None
     ((statements, work),) = runs
     return work, place_of(statements[0])
@@ -564,7 +569,7 @@ def _runs(statements: list[Statement], extra: int) -> Iterator[tuple[list[Statem
     for statement in statements:
         if isinstance(statement, FunctionDef):
             continue
-        cost = _LOOP_COST if _is_heavy(statement) else statement.cost
+        cost = _own_cost(statement)
         if run and work + cost > _RUN_COST:
             yield run, work
             run, work = [], 0

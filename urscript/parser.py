@@ -121,6 +121,7 @@ class _Parser(RecoveringParser):
         self.syntax = Program("statement", "", body, self.scope, {}, {}, [], self.damaged, [body], [self.scope])
         self._blocks = 0
         self._loops = 0
+        self._cost_of_loops = 0  # of all that have been read
         self._counted = 0  # tokens whose work has been yielded
         self._compounds: dict[str, Callable[[Any, Token], Steps[Statement]]] = {
             "def": _Parser._function,
@@ -216,7 +217,7 @@ class _Parser(RecoveringParser):
 
     def _statement(self) -> Steps[Statement]:
         """Read one statement; its cost is its number of tokens plus the extra cost of its calls."""
-        first, surcharge = self.at, self.scope.cost
+        first, surcharge, of_loops = self.at, self.scope.cost, self._cost_of_loops
         kind = self.token.kind
         self.started = self.measured = first
         if kind in self._compounds:
@@ -234,6 +235,10 @@ class _Parser(RecoveringParser):
         if isinstance(statement, FunctionDef):
             return statement
         statement.cost = self.at - first + self.scope.cost - surcharge
+        if isinstance(statement, While):
+            self._cost_of_loops = of_loops + statement.cost
+        elif isinstance(statement, If):
+            statement.own_cost = statement.cost - (self._cost_of_loops - of_loops)
         return statement
 
     # simple statements

@@ -148,12 +148,13 @@ def is_true(condition: ast.expr) -> bool:
 
 
 def function(name: str, parameters: list[str], body: list[ast.stmt], place: Place) -> ast.stmt:
+    """``def name(parameters, _meter=_meter): body``: Python finds a parameter sooner than a global name."""
     arguments = ast.arguments(
         posonlyargs=[],
-        args=[ast.arg(arg=parameter, **place) for parameter in parameters],
+        args=[ast.arg(arg=parameter, **place) for parameter in (*parameters, "_meter")],
         kwonlyargs=[],
         kw_defaults=[],
-        defaults=[],
+        defaults=[load("_meter", place)],
     )
     node = ast.FunctionDef(name=name, args=arguments, body=body, decorator_list=[], returns=None, **place)
     if "type_params" in node._fields:  # a required field from Python 3.12 on

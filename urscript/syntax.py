@@ -134,6 +134,7 @@ class If(Node):
     otherwise: list["Statement"]
     loops: bool  # contains a while loop at any depth
     cost: int = 0
+    own_cost: int = 0  # without the loops
 
 
 @dataclass(slots=True)
