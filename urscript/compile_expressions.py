@@ -332,11 +332,7 @@ class ExpressionCompiler:
     def _binary(self, node: Binary, place: Place) -> ast.expr:
         operator = node.operator
         if operator in _LOGIC:
-            first, here = self.condition(node.left), self.ranges.place()
-            self.ranges.assume(node.left, operator == "and")
-            second = self.condition(node.right)
-            self.ranges.go_to(here)
-            return ast.BoolOp(op=_LOGIC[operator](), values=[first, second], **place)
+            return self._logic(node, place)
         if operator == "xor":
             return _compare(self.condition(node.left), ast.IsNot(), self.condition(node.right), place)
         left, right = self.operand(node.left), self.operand(node.right)
@@ -363,6 +359,22 @@ class ExpressionCompiler:
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
         self.unforeseen += 1
         return call("_eq" if operator == "==" else "_ne", place, left, right)
+
+    def _logic(self, node: Binary, place: Place) -> ast.expr:
+        """``a and b and c``, or with ``or``: each condition is evaluated if those before it have the same result."""
+        conditions = [node.right]
+        left = node.left
+        while isinstance(left, Binary) and left.operator == node.operator and id(left) not in self.hoisted:
+            self.size += 1
+            conditions.append(left.right)
+            left = left.left
+        conditions.append(left)
+        code, here = [], self.ranges.place()
+        for condition in reversed(conditions):
+            code.append(self.condition(condition))
+            self.ranges.assume(condition, node.operator == "and")
+        self.ranges.go_to(here)
+        return ast.BoolOp(op=_LOGIC[node.operator](), values=code, **place)
 
     def _constant_behind(self, node: Expression) -> Expression:
         """The value assigned to a global that is assigned only once; any other expression unchanged."""

@@ -120,7 +120,8 @@ class Ranges:
         self._builtins = builtins
         self._kinds = kinds
         self._following = following
-        self._known: Known | None = Known()  # None where nothing arrives, as after a return
+        self._here: Known | None = Known()
+        self._computed: dict[int, Range | None] = {}  # ranges of operations here, by the node's id
         self._resized = {root(method.target) for method in scope.methods} if following else set[str]()
         self._breaks: list[Known | None] = []  # what is known at each break of the loop that is being followed
         self._passes: list[Known | None] = []  # and at each continue
@@ -133,7 +134,7 @@ class Ranges:
         if not self._following:
             return False
         left, right = self.range_of(node.left), self.range_of(node.right)
-        if left is None or right is None or (found := _computed(node.operator, left, right)) is None:
+        if left is None or right is None or (found := _result(node.operator, left, right)) is None:
             return False
         return found[0] >= INT_MIN and found[1] <= INT_MAX
 
@@ -154,6 +155,13 @@ class Ranges:
 
     def range_of(self, node: Expression) -> Range | None:
         """The range of a value; None if it may be something else than an int."""
+        if not isinstance(node, (Binary, Unary)):
+            return self._range(node)
+        if id(node) not in self._computed:
+            self._computed[id(node)] = self._range(node)
+        return self._computed[id(node)]
+
+    def _range(self, node: Expression) -> Range | None:
         match node:
             case Constant(value=value):
                 return (value, value) if isinstance(value, int) and not isinstance(value, bool) else None
@@ -165,7 +173,7 @@ class Ranges:
                 left, right = self.range_of(node.left), self.range_of(node.right)
                 if left is None or right is None:
                     return None
-                found = _computed(node.operator, left, right)
+                found = _result(node.operator, left, right)
                 return found if found is not None and found[0] >= INT_MIN and found[1] <= INT_MAX else _ANY
             case Unary() if node.operator == "-":
                 found = self.range_of(node.operand)
@@ -177,6 +185,16 @@ class Ranges:
         return _ANY if self._kinds.expression(self._scope, node) == INT else None
 
     # the way through the body
+
+    @property
+    def _known(self) -> Known | None:
+        """What is known here; None where nothing arrives, as after a return."""
+        return self._here
+
+    @_known.setter
+    def _known(self, known: Known | None) -> None:
+        self._here = known
+        self._computed.clear()
 
     def place(self) -> Known | None:
         """What is known here, to return to later with `go_to`."""
@@ -293,6 +311,7 @@ class Ranges:
             known.ints[name] = found
         if length is not None:
             known.lengths[name] = length
+        self._computed.clear()
 
     def _compare(self, left: Expression, operator: str, right: Expression) -> None:
         """Note what a comparison that is true says about its left side."""
@@ -309,6 +328,7 @@ class Ranges:
             low = max(low, bounds[0] + (operator == ">"))
         if low <= high:  # else the comparison cannot be true
             known.ints[left.name] = low, high
+            self._computed.clear()
         if operator == "<" and isinstance(right, Call) and right.name in _LENGTHS and self._is_builtin(right.name):
             sequence = self._argument(right)
             if sequence:
@@ -352,7 +372,7 @@ class Ranges:
         return name in self._builtins and name not in self._program.functions
 
 
-def _computed(operator: str, left: Range, right: Range) -> Range | None:
+def _result(operator: str, left: Range, right: Range) -> Range | None:
     """The range of the result of an operation on two ints, before any wrap; None for any other operator."""
     (low, high), (low_right, high_right) = left, right
     match operator:
