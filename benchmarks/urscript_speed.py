@@ -81,7 +81,7 @@ def _ratio(script: str, python: Callable[[], float]) -> tuple[str, str, str]:
         ours = min(ours, _seconds(runtime.step))
         _check(runtime, python())
         theirs = min(theirs, _seconds(python))
-    return f"{ours * 1e3:.1f} ms", f"{theirs * 1e3:.1f} ms", f"{ours / theirs:.2f}"
+    return f"{ours * 1e3:.3f} ms", f"{theirs * 1e3:.3f} ms", f"{ours / theirs:.2f}"
 
 
 def _check(runtime: Runtime, expected: float) -> None:

@@ -11,6 +11,7 @@ from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
 from urscript.inference import INT, is_list, is_plain
 from urscript.number_code import if_shared, within, write_element
+from urscript.operators import COPIED_PER_UNIT
 from urscript.pieces import Exit, Part, Pieces, PythonFunction
 from urscript.pycode import (
     LOAD,
@@ -378,7 +379,11 @@ class _BodyCompiler(ExpressionCompiler):
             new = load("_new", place)
         writing = [write_element(variable, at, new, place)]
         if not alone:
-            self.unforeseen += 1
+            length = self.ranges.length_of(name.name)
+            if length is None:
+                self.unforeseen += 1
+            else:
+                self.called_work += length // COPIED_PER_UNIT
             writing.insert(0, if_shared(variable, self.bind(name.name, call("_copied", place, variable), place), place))
         inside = within(name, variable, position, at, place, self.ranges)
         if inside is None:

@@ -472,9 +472,13 @@ UNSHARED = _references_when_unshared("v_a = _references(v_a)")
 _UNSHARED_ARGUMENT = _references_when_unshared("v_a = _set_item(v_a, 0, 1)")
 
 
+COPIED_PER_UNIT = 8
+"""Elements of a list that are copied per unit of work."""
+
+
 def copied(value: list[Value]) -> list[Value]:
     """A copy of a list, to write an element of it."""
-    METER.left -= len(value) // 8
+    METER.left -= len(value) // COPIED_PER_UNIT
     return BoundedList(value, value.capacity) if isinstance(value, BoundedList) else value.copy()
 
 

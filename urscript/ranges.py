@@ -153,6 +153,10 @@ class Ranges:
             return True
         return isinstance(node, Name) and (node.name, name) in known.below
 
+    def length_of(self, name: str) -> int | None:
+        """The length of the list or pose in a variable, if it is known."""
+        return self._known.lengths.get(name) if self._known is not None else None
+
     def range_of(self, node: Expression) -> Range | None:
         """The range of a value; None if it may be something else than an int."""
         if not isinstance(node, (Binary, Unary)):
@@ -180,7 +184,7 @@ class Ranges:
                 return None if found is None else (-found[1], -found[0]) if found[0] > INT_MIN else _ANY
             case Call() if node.name in _LENGTHS and self._is_builtin(node.name):
                 sequence = self._argument(node)
-                known = self._known.lengths.get(sequence) if self._known is not None and sequence else None
+                known = self.length_of(sequence)
                 return _LENGTH if known is None else (known, known)
         return _ANY if self._kinds.expression(self._scope, node) == INT else None
 
@@ -344,7 +348,7 @@ class Ranges:
             case PoseLiteral():
                 return _POSE_LENGTH
             case Name():
-                return self._known.lengths.get(node.name) if self._known is not None else None
+                return self.length_of(node.name)
             case Binary():  # of two lists of the same length, or of a list and a number
                 left = self._length(node.left)
                 return self._length(node.right) if left is None else left
