@@ -110,7 +110,9 @@ def shape(tree: object) -> object:
     if isinstance(tree, Scope):
         return ("thread" if tree.is_thread else "def", tree.name, shape(tree.parameters))
     if isinstance(tree, Node):
-        names = [field.name for field in fields(tree) if field.name not in ("line", "column", "cost", "own_cost", "loops")]
+        names = [
+            field.name for field in fields(tree) if field.name not in ("line", "column", "cost", "own_cost", "loops")
+        ]
         return (type(tree).__name__, *(shape(getattr(tree, name)) for name in names))
     if isinstance(tree, list | tuple):
         return [shape(item) for item in tree]

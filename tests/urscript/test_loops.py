@@ -203,6 +203,7 @@ def test_what_a_loop_or_an_element_ends_up_as(body, result):
         "while k < 9000:\nj = (j + square(k % 9)) % 101\nk = k + 1\nend\nreturn j",
         "while True:\nk = k + 1\nif k % 3 == 0:\ncontinue\nend\nif k > 9000:\nbreak\nend\nend\nreturn k",
         "while i < 300:\nj = 0\nwhile j < i:\nj = j + 1\nend\ni = i + 1\nend\nreturn j",
+        "b = make_list(160, 0)\nwhile k < 9000:\nc = b\nc[k % 160] = k\nb = c\nk = k + 1\nend\nreturn k",
         "while square(k) < 20000000:\nk = k + 1\nend\nreturn k",
         "while counted() < 9000:\nk = k + 1\nend\nreturn k",
         "while k < 9000:\nk = k + 1\nif k == 7777:\nreturn k\nend\nend",
