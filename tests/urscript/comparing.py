@@ -1,7 +1,7 @@
 """Runs programs as they are compiled with and without what is known of their variables, to compare what they do."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import pytest
 
@@ -31,21 +31,25 @@ def _nothing_known(program: Program, builtins: Mapping[str, Builtin]) -> Steps[K
     return Kinds(program, builtins, {})
 
 
-def run(text: str) -> tuple[int, dict[str, tuple[str, str]], tuple[int, str] | None]:
-    """The frames a program takes, the types and texts of its variables, and its error, if any: line and message."""
+Outcome: TypeAlias = tuple[list[Any], dict[str, tuple[str, str]], tuple[int, str] | None]
+"""The variable ``total`` after each frame, the types and texts of all variables, and line and message of the error."""
+
+
+def run(text: str) -> Outcome:
+    """What a program does."""
     compiler._cache.clear()  # of a text that was compiled with other knowledge
     runtime = Runtime(compile_script(text, SET, VERSION), Host())
     compiler._cache.clear()
-    frames = 0
-    while not runtime.finished and frames < MAX_FRAMES:
+    frames: list[Any] = []
+    while not runtime.finished and len(frames) < MAX_FRAMES:
         runtime.step()
-        frames += 1
+        frames.append(runtime.globals.get("total"))
     values = {name: (value.__class__.__name__, to_text(value, limit=10**6)) for name, value in runtime.globals.items()}
     error = runtime.error
     return frames, values, None if error is None else (error.line, error.message)
 
 
-def run_in_general(text: str) -> tuple[int, dict[str, tuple[str, str]], tuple[int, str] | None]:
+def run_in_general(text: str) -> Outcome:
     """Like `run`, but nothing is known of the variables."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiler, "infer_kinds", _nothing_known)
