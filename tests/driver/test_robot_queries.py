@@ -212,9 +212,9 @@ async def test_a_script_of_ones_own_and_the_control_program_again(lab):
 
 async def test_a_watchdog_that_is_not_kicked_ends_the_program(lab):
     arm = lab.arm
-    await arm.move_j(turned(1.5), speed_rad_s=0.3, wait=False)
-    arm.set_watchdog(0.3)
-    for _ in range(4):
+    await arm.move_j(turned(1.5), speed_rad_s=0.05, wait=False)
+    arm.set_watchdog(1.0)
+    for _ in range(12):  # for longer than without any
         await asyncio.sleep(0.1)
         arm.kick_watchdog()
     assert arm.moving
