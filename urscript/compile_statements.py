@@ -545,7 +545,7 @@ class _BodyCompiler(ExpressionCompiler):
 
 def _is_heavy(statement: Statement) -> bool:
     """True when the blocks inside draw their own work."""
-    return isinstance(statement, While) or (isinstance(statement, If) and statement.own_cost > _RUN_COST)
+    return isinstance(statement, While) or (isinstance(statement, If) and statement.cost > _RUN_COST)
 
 
 def _own_cost(statement: Statement) -> int:

@@ -95,6 +95,9 @@ _SOURCES: Final[dict[str, Callable[[int], str]]] = {
         )
         + "    end\n  end\n  run f()\n"
     ),
+    "loops in a branch": lambda n: (
+        "  k = 0\n  if k < 3:\n" + "    while k < 5:\n      k = k + 1\n    end\n" * (n // 3) + "  end\n"
+    ),
     "a long call": lambda n: (
         "  def f("
         + ", ".join(f"x{i}" for i in range(400))
