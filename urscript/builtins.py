@@ -330,16 +330,18 @@ def _maker_of_callers(parameters: int, *, works: bool, converts: bool) -> Callab
     """
     values, accepted, accepts = ([f"{name}_{n}" for n in range(parameters)] for name in ("value", "accepted", "accept"))
     result = f"function({', '.join(accepted)})"
-    lines = [
-        "def make(function, accepts, mismatch, work, returns):",
-        *([f"  [{', '.join(accepts)}] = accepts"] if parameters else []),
-        f"  def call({', '.join(values)}):",
-        *(["    meter.left -= work"] if works else []),
+    tests = [
         "    try:",
         *(f"      {new} = {accept}({value})" for new, accept, value in zip(accepted, accepts, values, strict=True)),
-        *(["      pass"] if not parameters else []),
         "    except KindMismatchError:",
         f"      mismatch([{', '.join(values)}])",
+    ]
+    lines = [
+        "def make(function, accepts, mismatch, work, returns):",
+        f"  [{', '.join(accepts)}] = accepts",
+        f"  def call({', '.join(values)}):",
+        *(["    meter.left -= work"] if works else []),
+        *(tests if parameters else []),
         f"    return {f'returns({result})' if converts else result}",
         "  return call",
     ]

@@ -160,8 +160,8 @@ class ExpressionCompiler:
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
-        self.unforeseen = 0  # of them, those that may wait or do work in addition to their statement's cost
-        self.called_work = 0  # and the work of the functions that others call
+        self.unforeseen = 0  # of them, those that may wait, or do work of which no more is known than when it is done
+        self.called_work = 0  # at most what the others do in addition to the cost of their statements
         self.ranges = Ranges(unit.program, scope, unit.builtins, unit.kinds, following=whole and not boxed)
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
@@ -315,7 +315,8 @@ class ExpressionCompiler:
 
     def _pose(self, node: PoseLiteral, place: Place) -> ast.expr:
         if all(map(_is_number, node.items)):
-            numbers = tuple(float(item.value or 0) for item in node.items if isinstance(item, Constant))
+            constants = [item for item in node.items if isinstance(item, Constant)]
+            numbers = tuple(float(item.value) for item in constants if item.value is not None)
             return call("_new_pose", place, constant(numbers, place))
         return call("_pose", place, *[self.expression(item) for item in node.items])
 

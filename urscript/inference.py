@@ -21,7 +21,6 @@ from urscript.syntax import (
     Call,
     Constant,
     Expression,
-    FunctionDef,
     If,
     Index,
     ListLiteral,
@@ -36,6 +35,7 @@ from urscript.syntax import (
     Statement,
     Unary,
     While,
+    all_statements,
 )
 from urscript.values import Pose
 from urscript.work import Steps, release
@@ -67,7 +67,8 @@ _GLOBAL: Final = ""
 _RESULT: Final = "return"
 
 _INTERPRETER: Final = "interpreter_mode"
-_LIST_MAKER: Final = "make_list"
+LIST_MAKER: Final = "make_list"
+LIST_LENGTHS: Final = frozenset(["length", "get_list_length"])
 
 _ARITHMETIC: Final = frozenset(["+", "-", "*", "/", "%"])
 _KIND_OF_CLASS: Final[dict[Any, KindSet]] = {int: INT, float: FLOAT, bool: BOOL, str: STRING}
@@ -207,7 +208,7 @@ class Kinds:
     def _result(self, scope: Scope, node: Call) -> KindSet:
         if node.name in self._program.functions:
             return self._variables.get((_RESULT, node.name), 0)
-        if node.name == _LIST_MAKER and len(node.arguments) > 1:
+        if node.name == LIST_MAKER and len(node.arguments) > 1:
             return _list_of(self.expression(scope, node.arguments[1]))
         builtin = self._builtins.get(node.name)
         if builtin is None:
@@ -334,12 +335,12 @@ def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_
     """
     if scope is not program.scope and not _always_returns(body):
         yield _Store((_RESULT, scope.name), scope, None)
-    for statement in _flat(body):
+    for statement in all_statements(body):
         if isinstance(statement, Return):
             yield _Store((_RESULT, scope.name), scope, statement.value, work=_work(statement))
         elif isinstance(statement, Assign):
             yield _assignment(program, scope, statement)
-        else:
+        elif not isinstance(statement, (If, While)):
             yield None
     for call in scope.calls:
         if call.name not in program.functions:
@@ -383,25 +384,9 @@ def _variable(program: Program, scope: Scope, name: str) -> Variable:
     return (scope.name if is_local(program, scope, name) else _GLOBAL), name
 
 
-def _flat(body: list[Statement]) -> Iterator[Statement]:
-    """The statements of a body and its blocks, without those of nested functions."""
-    waiting = [*reversed(body)]
-    while waiting:
-        statement = waiting.pop()
-        match statement:
-            case If():
-                waiting += [*statement.otherwise, *(inner for _, block in statement.branches for inner in block)]
-            case While():
-                waiting += statement.body
-            case FunctionDef():
-                pass
-            case _:
-                yield statement
-
-
 def assigned_names(statement: Statement) -> set[str]:
     """The variables that a statement and those in its blocks assign to, in whole or in part."""
-    return {root(inner.target) for inner in _flat([statement]) if isinstance(inner, Assign)}
+    return {root(inner.target) for inner in all_statements([statement]) if isinstance(inner, Assign)}
 
 
 def _always_returns(body: list[Statement]) -> bool:

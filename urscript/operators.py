@@ -164,40 +164,28 @@ def _refuse(sign: str, *operands: Value) -> NoReturn:
     raise RuntimeFault(f"Type error: operator {sign} cannot be used with {found}{hint}")
 
 
-def _of_floats(operation: _Arithmetic) -> tuple[Operator, Operator, Operator]:
-    """The operation for two lists that hold only floats, for such a list and a number, and for a number and a list."""
+def _of_floats(operation: _Arithmetic, *, left_is_list: bool, right_is_list: bool) -> Operator:
+    """The operation for lists that hold only floats, or for such a list and a number."""
     general, floats = operation.general, operation.floats
 
-    def two_lists(left: list[float], right: list[float]) -> Value:
-        if len(left) != len(right):
+    def calculate(left: Any, right: Any) -> Value:
+        if left_is_list and right_is_list and len(left) != len(right):
             return general(left, right)  # which refuses them
-        METER.left -= 10 + 5 * len(left)
+        lefts, rights = left if left_is_list else repeat(left), right if right_is_list else repeat(right)
         try:
-            return list(map(floats, left, right))
+            result = list(map(floats, lefts, rights))
         except ZeroDivisionError:
             return general(left, right)
+        METER.left -= 10 + 5 * len(result)
+        return result
 
-    def list_and_number(left: list[float], right: float) -> Value:
-        METER.left -= 10 + 5 * len(left)
-        try:
-            return list(map(floats, left, repeat(right)))
-        except ZeroDivisionError:
-            return general(left, right)
-
-    def number_and_list(left: float, right: list[float]) -> Value:
-        METER.left -= 10 + 5 * len(right)
-        try:
-            return list(map(floats, repeat(left), right))
-        except ZeroDivisionError:
-            return general(left, right)
-
-    return two_lists, list_and_number, number_and_list
+    return calculate
 
 
 FLOAT_LISTS = {
-    f"_{operation.general.__name__}_{suffix}": function
+    f"_{operation.general.__name__}_{suffix}": _of_floats(operation, left_is_list=left, right_is_list=right)
     for operation in (_ADD, _SUB, _MUL, _DIV, _MOD)
-    for suffix, function in zip(("lists", "by_number", "each"), _of_floats(operation), strict=True)
+    for suffix, left, right in (("lists", True, True), ("by_number", True, False), ("each", False, True))
 }
 """Operations on lists that are known to hold only floats, by their names in compiled code."""
 

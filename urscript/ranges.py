@@ -12,7 +12,17 @@ from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from urscript.builtins import Builtin
-from urscript.inference import INT, STRING, Kinds, assigned_names, is_local, is_sequence, root
+from urscript.inference import (
+    INT,
+    LIST_LENGTHS,
+    LIST_MAKER,
+    STRING,
+    Kinds,
+    assigned_names,
+    is_local,
+    is_sequence,
+    root,
+)
 from urscript.syntax import (
     Assign,
     Binary,
@@ -43,8 +53,7 @@ _LENGTH: Final[Range] = (0, INT_MAX)
 
 _MIRRORED: Final = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "=="}
 _OPPOSITE: Final = {"<": ">=", "<=": ">", ">": "<=", ">=": "<", "!=": "=="}
-_LENGTHS: Final = frozenset(["length", "get_list_length", "str_len"])
-_LIST_MAKER: Final = "make_list"
+_LENGTHS: Final = LIST_LENGTHS | {"str_len"}
 _POSE_LENGTH: Final = 6
 
 _MAX_ROUNDS: Final = 5
@@ -352,7 +361,7 @@ class Ranges:
             case Binary():  # of two lists of the same length, or of a list and a number
                 left = self._length(node.left)
                 return self._length(node.right) if left is None else left
-            case Call() if node.name == _LIST_MAKER and node.arguments and self._is_builtin(node.name):
+            case Call() if node.name == LIST_MAKER and node.arguments and self._is_builtin(node.name):
                 low, high = self.range_of(node.arguments[0]) or _ANY
                 return low if low == high else None
         return None

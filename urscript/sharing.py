@@ -1,14 +1,12 @@
 """Lists that only one variable can refer to: their elements are written in place without a test."""
 
-from collections.abc import Iterator
-
+from urscript.inference import LIST_LENGTHS, LIST_MAKER
 from urscript.syntax import (
     Assign,
     Binary,
     Call,
     Expression,
     ExpressionStatement,
-    FunctionDef,
     If,
     Index,
     ListLiteral,
@@ -19,12 +17,11 @@ from urscript.syntax import (
     Statement,
     ThreadControl,
     While,
+    all_statements,
     parts,
 )
 
-_MAKER = "make_list"
-_LENGTHS = frozenset(["length", "get_list_length"])
-KEEPING_NOTHING = _LENGTHS | {_MAKER}
+KEEPING_NOTHING = LIST_LENGTHS | {LIST_MAKER}
 """The built-ins known here: they return a new list, or do not keep one that is passed to them."""
 
 
@@ -38,7 +35,7 @@ def unshared_lists(scope: Scope, body: list[Statement]) -> set[str]:
     assigned: set[str] = set()
     shared = {parameter.name for parameter in scope.parameters}
     expressions: list[Expression] = []
-    for statement in _statements(body):
+    for statement in all_statements(body):
         match statement:
             case Assign(target=Name(name=name), value=value):
                 assigned.add(name)
@@ -64,7 +61,7 @@ def unshared_lists(scope: Scope, body: list[Statement]) -> set[str]:
                 shared.add(node.name)
             case Index(target=Name()):
                 expressions += node.positions
-            case Call(arguments=[Name()], keywords=[]) if node.name in _LENGTHS:
+            case Call(arguments=[Name()], keywords=[]) if node.name in LIST_LENGTHS:
                 pass
             case _:
                 alone, row = parts(node)
@@ -74,18 +71,6 @@ def unshared_lists(scope: Scope, body: list[Statement]) -> set[str]:
 
 def _is_new(value: Expression) -> bool:
     """Whether the value, if it is a list, is made when the expression is evaluated."""
-    return isinstance(value, (ListLiteral, NumberList, Binary)) or (isinstance(value, Call) and value.name == _MAKER)
-
-
-def _statements(body: list[Statement]) -> Iterator[Statement]:
-    """All statements of a body and its blocks, without those of nested functions."""
-    waiting = [*body]
-    while waiting:
-        statement = waiting.pop()
-        if isinstance(statement, FunctionDef):
-            continue
-        yield statement
-        if isinstance(statement, If):
-            waiting += [*statement.otherwise, *(inner for _, block in statement.branches for inner in block)]
-        elif isinstance(statement, While):
-            waiting += statement.body
+    if isinstance(value, Call):
+        return value.name == LIST_MAKER
+    return isinstance(value, (ListLiteral, NumberList, Binary))

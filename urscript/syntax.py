@@ -4,6 +4,7 @@ Every node has the line and column (from 1) that an error about it should point 
 body and for each def and thread, the information that later stages need.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -205,6 +206,20 @@ class FunctionDef(Node):
 
 
 Statement: TypeAlias = Assign | ExpressionStatement | If | While | Return | Word | ThreadControl | Label | FunctionDef
+
+
+def all_statements(body: list[Statement]) -> Iterator[Statement]:
+    """The statements of a body and of its blocks, without nested functions."""
+    waiting = [*reversed(body)]
+    while waiting:
+        statement = waiting.pop()
+        if isinstance(statement, FunctionDef):
+            continue
+        yield statement
+        if isinstance(statement, If):
+            waiting += [*statement.otherwise, *(inner for _, block in statement.branches for inner in block)]
+        elif isinstance(statement, While):
+            waiting += statement.body
 
 
 @dataclass(slots=True)

@@ -97,6 +97,7 @@ def test_floats_without_a_number(result):
 
 def test_value_types(result):
     assert type(result("p[1,2,3,4,5,6]")) is Pose
+    assert str(result("p[-0.0,2,3,4,5,6][0]")) == "-0.0"
     assert result("[[1,2],[3,4]]") == Matrix(((1, 2), (3, 4)))
     assert result("struct(a=1)") == Struct({"a": 1})
 
