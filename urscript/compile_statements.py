@@ -60,6 +60,9 @@ _RUN_COST = 200
 
 _LOOP_COST = 3
 
+_MAX_BATCHED = 18
+"""Loops around the passes of a batch: Python nests at most 20 blocks, and a batch adds two."""
+
 _WORK = 8  # to compile an expression, or a statement without its expressions
 _SLICE = 12  # minimum number of these between two yields
 _PIECE = 100  # approximate number of these in a piece
@@ -162,6 +165,7 @@ class _BodyCompiler(ExpressionCompiler):
         ]
         self.pieces = Pieces(symbol, shared, lasting=lasting)
         self._exits: list[Exit] = []  # exits of the code being compiled, like `stored_globals`
+        self._loops = 0  # around the code being compiled
         self._counted = 0  # the part of the size whose work has been yielded
         self._statements: list[Statement] = []  # of the whole body
         self._unshared: set[str] | None = None
@@ -489,7 +493,8 @@ class _BodyCompiler(ExpressionCompiler):
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
         outer, self._exits = self._exits, []
         self.ranges.assume(node.condition, truth=True)
-        passes = None if self.unit.stepped else _pass(node)
+        self._loops += 1
+        passes = None if self.unit.stepped or self._loops > _MAX_BATCHED else _pass(node)
         if passes is None:
             body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
         else:
@@ -499,6 +504,7 @@ class _BodyCompiler(ExpressionCompiler):
                 self._check_condition_at_each_continue(test, at)
                 body = in_batches(test, body, work, work + self.called_work - called, place)
             body = [*charge(work, at, park=True), *body]
+        self._loops -= 1
         self.ranges.go_to(after)
         outer += [exit_ for exit_ in self._exits if isinstance(exit_, ast.Return)]
         self._exits = outer

@@ -214,3 +214,11 @@ def test_long_loops_take_the_frames_their_passes_take(body):
     found = run(text)
     assert 5 < len(found[0]) < 300
     assert found == _one_pass_at_a_time(text)
+
+
+@pytest.mark.parametrize("depth", [17, 18, 19, 20])
+def test_loops_are_nested_as_deeply_as_the_parser_allows(depth):
+    loops = "".join(f"while k < {n + 1}:\nk = k + 1\n" for n in range(depth)) + "end\n" * depth
+    _, values, error = _agreed(_program(f"{loops}return k"))
+    assert error is None
+    assert values["result"] == ("int", str(depth))
