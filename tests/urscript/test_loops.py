@@ -219,6 +219,6 @@ def test_long_loops_take_the_frames_their_passes_take(body):
 @pytest.mark.parametrize("depth", [17, 18, 19, 20])
 def test_loops_are_nested_as_deeply_as_the_parser_allows(depth):
     loops = "".join(f"while k < {n + 1}:\nk = k + 1\n" for n in range(depth)) + "end\n" * depth
-    _, values, error = _agreed(_program(f"{loops}return k"))
+    _, values, error = _agreed(f"def p():\ndef h(k):\n{loops}return k\nend\nresult = h(0)\nend")
     assert error is None
     assert values["result"] == ("int", str(depth))
