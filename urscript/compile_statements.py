@@ -486,7 +486,9 @@ class _BodyCompiler(ExpressionCompiler):
             yield from self._divide(node.condition)
         after, followed = self.ranges.enter(node)
         yield followed * _FOLLOWING_WORK
+        size = self.size
         test = self.condition(node.condition)
+        size = self.size - size
         once = self.called_work == called  # else it calls functions, which must not be called twice
         if self.unit.stepped:  # before each pass; _step returns None
             passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
@@ -500,7 +502,9 @@ class _BodyCompiler(ExpressionCompiler):
         else:
             work, at = passes
             body = yield from self._plain(node.body)
-            if once and self.unforeseen == before:
+            copies = size * (1 + len(self._exits))  # of the condition, at most
+            if once and self.unforeseen == before and copies <= _PIECE:
+                self.size += copies
                 self._check_condition_at_each_continue(test, at)
                 body = in_batches(test, body, work, work + self.called_work - called, place)
             body = [*charge(work, at, park=True), *body]
