@@ -331,7 +331,9 @@ def make_servers(controller: Controller, *, tool_line: bool = False, cameras: bo
         return known[1]
 
     def primary(name: str, read_only: bool) -> PrimaryServer:
-        reporter = ProgramReporter(controller.programs, controller.version)
+        def reporter() -> ProgramReporter:
+            return ProgramReporter(controller.programs, controller.version)
+
         return PrimaryServer(name, controller, state, messages=True, read_only=read_only, reporter=reporter)
 
     servers: tuple[PortServer, ...] = (

@@ -71,6 +71,10 @@ _CHECKED: Final = {
 _vectors_of = attrgetter(*_CHECKED.values())
 # an ideal arm is that of a simulator; early simulators report other currents and temperatures (versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
+# Simulators that have the switch for remote control, and refuse `play` in local control: 5.26.0 does (JimothyJohn/
+# perceptronics, CLAUDE.md). In the tests of the official C++ client, 5.9.4 and others play and say "false" to "is in
+# remote control". That the version makes the difference, and not a setting of that simulator, is a guess.
+_REMOTE_CONTROL_ENABLED: Final = Availability.since(None, "5.26", None)
 
 
 class Controller(Machine):
@@ -90,7 +94,9 @@ class Controller(Machine):
         self.execution_time_ms = 0.0  # duration of the last tick, set by the clock
         self.user_role = "NONE"
         self.operational_mode = "NONE"
-        self.remote_control = config.remote_control  # the pendant's switch
+        self.remote_control = config.remote_control  # the pendant's switch, if its settings enable it
+        forced = config.remote_control or config.enforce_remote_control
+        self.remote_control_enabled = forced or _REMOTE_CONTROL_ENABLED.covers(self.version)
         self.reports_dir: Path | None = None  # folder for reports without a programs directory; created when needed
 
         self.messages = MessageLog(self._time_us)
@@ -256,6 +262,14 @@ class Controller(Machine):
     @property
     def local_control(self) -> bool:
         return self.config.enforce_remote_control and not self.remote_control and self.version.series is Series.E
+
+    @property
+    def play_refused(self) -> bool:
+        """Whether ``play`` is refused because the pendant's switch is at local control.
+
+        A pendant whose settings do not enable remote control has no such switch, and refuses nothing.
+        """
+        return self.remote_control_enabled and not self.remote_control and self.version.series is Series.E
 
     @property
     def external_control(self) -> DriverAddress:

@@ -49,8 +49,8 @@ class ControllerConfig:
     programs_dir: folder for ``load`` and for reports; its default.installation, and the program named there, are
     loaded at boot. external_control: address at which the driver serves the program of External Control nodes; takes
     precedence over the installation. remote_control: the answer to ``is in remote control``; commands are accepted
-    either way, like by a simulator, unless enforce_remote_control makes an arm in local control refuse them, like a
-    real e-Series arm. encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
+    either way, like by a simulator (from 5.26 on except ``play``), unless enforce_remote_control makes an arm in local
+    control refuse them, like a real e-Series arm. encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
     gripper: mounted on the arm; gripper_object_mm: width of the object between its fingers.
     safety: limits, planes and safety inputs; None selects those of a simulator, which limits the joints only.
     self_collision: stop when links touch each other, which a controller itself does not monitor.

@@ -97,7 +97,8 @@ class ProgramHost:
 
     ``secondary``: a ``sec`` program, which may neither move nor take time. ``sockets``: the sockets
     the program opened, by name; a secondary program shares those of the main one. ``programs``: state
-    that outlives the program. ``waiting_for``: a blocking popup that suspends the program.
+    that outlives the program. ``waiting_for``: a blocking popup that suspends the program. ``connecting``: whether a
+    secondary program waits for the answer to its ``socket_open``.
     """
 
     def __init__(self, machine: Machine, programs: ProgramServices, *, name: str, secondary: bool = False) -> None:
@@ -107,6 +108,7 @@ class ProgramHost:
         self.secondary = secondary
         self.sockets = SocketTable()
         self.waiting_for: Popup | None = None
+        self.connecting = False
         self.dialogues: list[Popup] = []
         self.label = ""  # the program label reached last
         self._runtime: Runtime | None = None

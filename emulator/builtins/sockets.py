@@ -35,6 +35,9 @@ from urscript.values import (
 LIBRARY = Library("sockets", host=True)
 
 _CONNECT_S: Final = 2.0  # Script Manual, socket_open
+# A secondary program may open a socket to a server that answers within a period, on the controller itself above all
+# (Universal Robots forum, thread 8259). Here, the answer takes as long as the machine needs (guess).
+_SECONDARY_CONNECT_S: Final = 0.1
 _VARIABLE_S: Final = 2.0  # Script Manual, socket_get_var
 _MAX_VALUES: Final = 30  # Script Manual, socket_read_ascii_float and the other list readers
 _SEARCHED_BYTES: Final = 8  # per meter unit of work, in the worst case: all data resembles the marker
@@ -44,18 +47,23 @@ _ESCAPES: Final = {"\\n": "\n", "\\r": "\r", "\\t": "\t", "\\\\": "\\"}
 
 @LIBRARY.builtin()
 def socket_open(host: ProgramHost, address: Str, port: Int, socket_name: Str = _NAME) -> Frames[bool]:
-    """Connect; False if that fails or takes longer than 2 s. An open socket of that name is closed first."""
+    """Connect; False if that fails or takes longer than 2 s. An open socket of that name is closed first.
+
+    In a secondary program, a connection that is answered within a period takes no time; others fail.
+    """
     if not 0 < port < 65536:
         raise RuntimeFault(f"socket_open: there is no port {port}: use 1 to 65535")
     if len(host.sockets) >= MAX_SOCKETS and host.sockets.get(socket_name) is None:
         return False
     socket = host.programs.socket_backend.open(address, port)
     host.sockets.put(socket_name, socket)
-    for _ in range(host.frames(_CONNECT_S)):
+    host.connecting = host.secondary
+    for _ in range(host.frames(_SECONDARY_CONNECT_S if host.secondary else _CONNECT_S)):
         if socket.state == "connecting" or not host.secondary:
             yield
         if socket.state != "connecting":
             break
+    host.connecting = False
     if socket.state == "open":
         return True
     host.sockets.close(socket_name)

@@ -65,18 +65,18 @@ def available_commands(version: PolyscopeVersion) -> list[DashboardCommand]:
 
 
 def execute(
-    controller: Controller, line: str, *, restricted: bool = False, any_version: bool = False
+    controller: Controller, line: str, *, restricted: bool = False, at_pendant: bool = False
 ) -> str | _Waiting | None:
     """Execute a line; return the reply, a generator that returns it, or None for an empty line.
 
-    ``restricted``: commands that need remote control are refused. ``any_version``: PolyScope X, which has no dashboard,
-    accepts the commands of other e-Series arms.
+    ``restricted``: commands that need remote control are refused. ``at_pendant``: a person does it at the pendant, so
+    that local control permits it, and PolyScope X, which has no dashboard, accepts what other e-Series arms do.
     """
     text = strip(line)
     if not text:
         return None
     version = controller.version
-    if any_version and version.is_polyscope_x:
+    if at_pendant and version.is_polyscope_x:
         version = DEFAULT_VERSION[Series.E]
     found = _find(text, version)
     if found is None:
@@ -84,6 +84,8 @@ def execute(
     entry, argument = found
     if restricted and entry.form.remote_only:
         return replies.NOT_IN_REMOTE_CONTROL
+    if entry is COMMANDS["play"] and controller.play_refused and not at_pendant:
+        return replies.failed("play")
     return entry.function(controller, argument) if entry.form.takes_argument else entry.function(controller)
 
 
@@ -181,9 +183,13 @@ def running(controller: Controller) -> str:
 
 @command("get loaded program")
 def get_loaded_program(controller: Controller) -> str:
-    """The path of the loaded program."""
+    """The path of the loaded program; a new, unnamed one counts as loaded on e-Series."""
     loaded = controller.programs.loaded
-    return f"Loaded program: {_shown(controller, loaded.path)}" if loaded else replies.NO_PROGRAM_LOADED
+    if loaded is not None:
+        return f"Loaded program: {_shown(controller, loaded.path)}"
+    if controller.version.series is Series.CB3:
+        return replies.NO_PROGRAM_LOADED  # console of a 3.15.8 simulator
+    return f"Loaded program: {_SHOWN_ROOT}/{replies.UNNAMED_PROGRAM}.urp"  # transcript of a UR10e, 5.11.9
 
 
 @command("isProgramSaved")
@@ -195,12 +201,18 @@ def is_program_saved(controller: Controller) -> str:
 
 @command("programState")
 def program_state(controller: Controller) -> str:
-    """STOPPED, PLAYING or PAUSED, and the program's name."""
-    return f"{program_state_word(controller)} {_program_name(controller)}"
+    """STOPPED, PLAYING or PAUSED, and the name of the loaded program.
+
+    It knows nothing of a program that a client sent: that is STOPPED (test suite of a driver, URSim 5.25.2, which reads
+    RTDE's runtime_state instead; for CB3 a guess).
+    """
+    loaded = controller.programs.loaded
+    name = loaded.path.name if loaded else _no_program(controller)
+    return f"{program_state_word(controller) if controller.programs.loaded_ran else 'STOPPED'} {name}"
 
 
 def program_state_word(controller: Controller) -> Literal["STOPPED", "PLAYING", "PAUSED"]:
-    """The state of the program, in one of three words."""
+    """The state of the running program, in one of three words."""
     state = controller.programs.state
     if state in (RuntimeState.STOPPED, RuntimeState.STOPPING):
         return "STOPPED"
@@ -441,15 +453,6 @@ def _until(controller: Controller, state: RuntimeState) -> Generator[None, None,
     """Wait until the program is in this state, or is over."""
     while controller.programs.state not in (state, RuntimeState.STOPPED):
         yield
-
-
-def _program_name(controller: Controller) -> str:
-    """Name of the loaded file (asserted by the official client's tests), else of the running program.
-
-    A program sent by a client does not change the name of the loaded file (guess).
-    """
-    programs = controller.programs
-    return programs.loaded.path.name if programs.loaded else programs.name or _no_program(controller)
 
 
 def _no_program(controller: Controller) -> str:

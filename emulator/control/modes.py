@@ -223,8 +223,8 @@ class ModeVerbs(Verbs):
 
     @verb
     def set_remote_control(self, on: bool) -> None:
-        """Switch the pendant to remote control, or back to local control."""
-        self.controller.remote_control = on
+        """Switch the pendant to remote control, or back to local control, in which ``play`` is refused."""
+        self.controller.remote_control, self.controller.remote_control_enabled = on, True
 
     @verb
     def set_simulation(self, on: bool) -> None:

@@ -36,8 +36,8 @@ class ProgramVerbs(Verbs):
 
     @verb
     def dashboard(self, line: str) -> str:
-        """Execute a dashboard command and return its answer; also on PolyScope X, which has no dashboard server."""
-        return self._wait(_answered(dashboard.execute(self.controller, line, any_version=True)))
+        """Execute a dashboard command as if at the pendant; returns its answer. Also on PolyScope X, without a server."""
+        return self._wait(_answered(dashboard.execute(self.controller, line, at_pendant=True)))
 
     @verb
     def send_script(self, text: str) -> bool:

@@ -28,6 +28,9 @@ class StopCause:
 SCRIPT_PROTECTIVE_STOP: Final = StopCause(209)
 READ_ONLY_SOCKET: Final = 210
 BUSY_PROTECTIVE_STOP: Final = StopCause(271, 1)
+# Four reports agree on code and stop: URSim 5.25.2 (test suite of a driver), URSim 3.15.8 (HelvotecUlrich/ARES_Mauer), a
+# real robot (issue 28 of the ROS driver). The Script Manual says only that "stop" stops the program.
+RTDE_WATCHDOG: Final = StopCause(207)
 
 # Ramp of a program's time when it starts. Measured: target speeds of a UR3 and a UR5 that start a program with a movel
 # (el-Lennard/Robotik, Modularbeit/Aufgabe4 and Modularbeit Code/A2_movel.csv: a t (t / 0.16 s)^2 / 2 in each of 20

@@ -121,7 +121,7 @@ class Player:
         if self.loaded is None:
             return None
         tree = self.loaded.tree
-        submission = self._played = Submission(self.loaded.script, self._machine.version, stepped)
+        submission = self._played = Submission(self.loaded.script, self._machine.version, stepped, of_file=True)
         if tree is None:
             return submission
         if tree.needs_external_control:

@@ -8,6 +8,11 @@ programs are submitted in that gap, the last one runs.
 A program that does not compile changes nothing: the running one continues. A long one is
 compiled over several periods (`emulator.programs.compiling`), during which the running one
 continues too; any stop of the main program then also drops the one being compiled.
+
+Two rules for programs that a client sends surprise its users (issue 123 of the official client library, URSim 5.12, two
+people): a program sent while another one is paused only ends that one, and starts when it is sent again; one sent while
+the brakes are engaged is left paused before its first statement. That a safety stop counts like engaged brakes, and that
+CB3 controllers do the same, are guesses.
 """
 
 from collections.abc import Mapping
@@ -17,7 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.builtins.host import ProgramHost, ProgramServices, StepHook
-from emulator.lifecycle.runstate import RunEvent, next_run_state
+from emulator.lifecycle.runstate import RTDE_WATCHDOG, RunEvent, next_run_state
 from emulator.machine import Machine
 from emulator.programs.breakpoints import Breakpoints
 from emulator.programs.compiling import Compiling, Submission, WorkShare
@@ -92,37 +97,59 @@ _EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title observed on a rea
 
 
 class SecondaryPrograms:
-    """Runs ``sec`` programs. waiting: programs for the next control period."""
+    """Runs ``sec`` programs, each within one control period.
+
+    Time stands still for a program whose socket is connecting. A controller waits for the peer's answer within its
+    period; here, the answer arrives between two periods at the earliest.
+    """
 
     def __init__(self, machine: Machine, services: ProgramServices) -> None:
         self._machine = machine
         self._services = services
-        self.waiting: list[CompiledProgram] = []
+        self._new: list[CompiledProgram] = []
+        self._connecting: list[tuple[Runtime, ProgramHost]] = []
+
+    def __bool__(self) -> bool:
+        """Whether a program waits for its period, or for a connection."""
+        return bool(self._new or self._connecting)
 
     def add(self, program: CompiledProgram) -> None:
         """Run a program in this period, or the next."""
-        self.waiting.append(program)
+        self._new.append(program)
+
+    def clear(self) -> None:
+        """Discard all programs."""
+        for _, host in self._connecting:
+            host.sockets.close_all()
+        self._new, self._connecting = [], []
 
     def run(self, main: "ProgramHost | None") -> None:
-        """Run all waiting programs; ``main``: host of the running main program."""
-        if not self.waiting:
+        """Run all programs; ``main``: host of the running main program, whose sockets they share."""
+        if not self:
             return
-        programs, self.waiting = self.waiting, []
-        for program in programs:
-            self._run_one(program, main)
+        programs, self._new = self._new, []
+        connecting, self._connecting = self._connecting, []
+        for runtime, host in (*connecting, *(self._prepare(program, main) for program in programs)):
+            runtime.step()
+            if host.connecting and not runtime.finished:
+                self._connecting.append((runtime, host))
+            else:
+                self._end(runtime, host, shared=main is not None and host.sockets is main.sockets)
 
-    def _run_one(self, program: CompiledProgram, main: "ProgramHost | None") -> None:
+    def _prepare(self, program: CompiledProgram, main: "ProgramHost | None") -> tuple[Runtime, ProgramHost]:
         host = ProgramHost(self._machine, self._services, name=program.name, secondary=True)
         if main is not None:
             host.sockets = main.sockets
         runtime = Runtime(program, host)
         host.attach(runtime)
-        runtime.step()
-        if (problem := _problem(runtime, program)) is not None:
+        return runtime, host
+
+    def _end(self, runtime: Runtime, host: ProgramHost, *, shared: bool) -> None:
+        if (problem := _problem(runtime, runtime.program)) is not None:
             self._machine.messages.key(_EXCEPTION, problem)
         runtime.stop()
         host.withdraw_dialogues()
-        if main is None:
+        if not shared:
             host.sockets.close_all()
 
 
@@ -200,7 +227,7 @@ class Programs:
     @property
     def busy(self) -> bool:
         """Whether a program is running, paused, waiting or being compiled."""
-        waiting = bool(self._next or self._secondary.waiting or self._compiling.waiting)
+        waiting = bool(self._next or self._secondary or self._compiling.waiting)
         return waiting or self.state is not RuntimeState.STOPPED
 
     @property
@@ -319,7 +346,7 @@ class Programs:
         main, host = self._main, self._host
         self._ended, self._main, self._host, self._next = self.name, None, None, None
         self.state, self._not_before = RuntimeState.STOPPED, 0
-        self._secondary.waiting.clear()
+        self._secondary.clear()
         self.watchdogs.clear()
         self.pause_codes.clear()
         for leave in (
@@ -376,10 +403,11 @@ class Programs:
             return
         for watchdog in self.watchdogs.expired(self._machine.step_count, self._machine.rtde_refreshed):
             reason = f"RTDE watchdog: {watchdog.variable} was not written in time"
-            if watchdog.action == "pause":
-                self.pause(reason)
-            elif watchdog.action == "stop":
+            if watchdog.action == "stop" and not self.pauses_on(RTDE_WATCHDOG.code, RTDE_WATCHDOG.argument):
                 self._stop_main(reason)
+                self._machine.protective_stop(RTDE_WATCHDOG)
+            elif watchdog.action != "ignore":
+                self.pause(reason)
 
     def _settle(self) -> None:
         """Complete a transition once the arm permits it."""
@@ -402,9 +430,6 @@ class Programs:
             return
         self._next = None
         self._machine.freedrive_inputs.release()
-        if not self._machine.may_play:  # a stop happened in the gap
-            self._refuse(program)
-            return
         if self._machine.motion.paused:  # a protective stop without a program
             self._machine.motion.resume()
         if self._machine.version.series is Series.E:  # statement of the vendor; PolyScope's scripts do not call it
@@ -420,6 +445,8 @@ class Programs:
         self.outputs.program_started()
         self.modbus.program_started()
         self._machine.messages.key(PROGRAM_STARTED, program.name)
+        if not self._machine.may_play:
+            self.pause(f"{program.name} waits: power the arm on, release its brakes, clear any stop, then play")
 
     def _refuse(self, program: CompiledProgram) -> None:
         self._report(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
@@ -455,7 +482,7 @@ class Programs:
         """Start, refuse or queue the submissions that are compiled by now."""
         while (submission := self._compiling.next()) is not None:
             program = self._compiled(submission)
-            submission.accepted = program is not None and self._accept(program)
+            submission.accepted = program is not None and self._accept(program, of_file=submission.of_file)
             self._machine.messages.trace(
                 "program: %s is %s",
                 program.name if program else "a text",
@@ -478,12 +505,16 @@ class Programs:
             self._note(f"{program.name}: {rest} more calls will fail when they are executed")
         return program
 
-    def _accept(self, program: CompiledProgram) -> bool:
+    def _accept(self, program: CompiledProgram, *, of_file: bool) -> bool:
         if program.kind == "secondary":
             self._secondary.add(program)
             return True
-        if not self._machine.may_play:
+        if of_file and not self._machine.may_play:
             self._refuse(program)
+            return False
+        if self.paused and not of_file:
+            self.stop(f"{program.name} was sent while it was paused")
+            self._note(f"{program.name} was not started, because it ended a paused program: send it again to start it")
             return False
         self._player.drop()
         self._stop_main("replaced by another program")

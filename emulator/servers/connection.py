@@ -165,6 +165,11 @@ class Connection(asyncio.BufferedProtocol):
         else:
             self.close()
 
+    def abort(self) -> None:
+        """Close the connection and drop what waits for the client here; what the system has is still delivered."""
+        if self._transport is not None:
+            self._transport.abort()
+
     def read_on(self, going: bool) -> None:
         """Read from the client, or leave its bytes in the system's buffer for now."""
         self._wants_reading = going

@@ -42,7 +42,7 @@ class ProgramReport:
 
 
 class ProgramReporter:
-    """Reports the main program to the clients of one port."""
+    """Reports the main program to clients that get their states at the same moments."""
 
     def __init__(self, programs: Programs, version: PolyscopeVersion) -> None:
         self._programs = programs
@@ -54,7 +54,7 @@ class ProgramReporter:
         self._cursor = 0  # index of the first variable of the next cycle
 
     def first_client_connected(self) -> None:
-        """Call when a client connects to a port without clients: a program that has ended is not reported to it."""
+        """Call when the first client connects: a program that has ended is not reported to it."""
         view = self._programs.view
         if view is not None and not view.running:
             self._reported_end = view.number

@@ -1,5 +1,11 @@
-"""RTDE server (TCP 30004)."""
+"""RTDE server (TCP 30004).
 
+A client that does not read what it started is disconnected, as by a controller (issue 6 of the RTDE Python client: after
+11 s without reading, some old packages, then the end of the connection).
+"""
+
+import logging
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,6 +23,10 @@ if TYPE_CHECKING:
     from emulator.controller import Controller
 
 
+_logger = logging.getLogger(__name__)
+# After this long with full buffers, of real time. The report gives the sum of this and of the time that filling takes,
+# which depends on the recipe: about 10 s in all. The share is a guess.
+_UNREAD_S: Final = 5.0
 _INPUTS_PER_PERIOD: Final = 16  # input packages of one client in a control period (guess; clients send one)
 
 
@@ -59,6 +69,26 @@ class _RTDEConnection(Connection):
         self.session = RTDESession(host, self._write_inputs, self._note)
         self._decoder = RTDEDecoder()
         self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_PER_PERIOD)
+        self._full_since_s: float | None = None  # the client has not read since
+
+    def send_state(self, data: bytes) -> None:
+        super().send_state(data)
+        if self.takes_state:
+            self._full_since_s = None
+
+    def skip_state(self) -> None:
+        super().skip_state()
+        now_s = time.monotonic()
+        if self._full_since_s is None:
+            self._full_since_s = now_s
+        elif now_s - self._full_since_s > _UNREAD_S and self.is_open:
+            _logger.warning(
+                "rtde: %s has not read its data for %.0f s and is disconnected: receive as often as the recipe's "
+                "frequency says, or pause",
+                self.peer,
+                now_s - self._full_since_s,
+            )
+            self.abort()
 
     def received(self, data: bytes) -> None:
         for package in self._decoder.feed(data):

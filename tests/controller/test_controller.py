@@ -8,7 +8,7 @@ from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
 from emulator.mailbox import Command
-from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
+from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RobotStatusBits, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage
 from urproto.robots import START_Q, load_model
 
@@ -301,13 +301,90 @@ def test_an_unreachable_line_stops_protectively(ready):
     assert error.level >= ReportLevel.WARNING
 
 
-def test_no_program_starts_during_a_protective_stop(ready):
+def test_a_program_sent_during_a_protective_stop_waits_paused(ready):
     ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
     ready.tick()
     ready.script(LONG_MOVE)
     ready.seconds(0.3)
-    assert ready.now.runtime_state is RuntimeState.STOPPED
+    assert ready.now.runtime_state is RuntimeState.PAUSED
     assert ready.now.target_qd == ZERO6
+    ready.seconds(5.0)
+    ready.request("unlock protective stop")
+    ready.seconds(0.3)
+    assert ready.now.runtime_state is RuntimeState.PAUSED
+    assert ready.request("play") == "Starting program"
+    ready.until(lambda s: any(s.target_qd), 1.0)
+
+
+@pytest.mark.parametrize("model", ["ur5", "ur5e"])
+def test_a_program_sent_before_the_brakes_are_released_waits_paused(make, model):
+    """Issue 123 of the official client library: "the program state also seems to be paused"."""
+    rig = make(model)
+    rig.script(LONG_MOVE)
+    rig.seconds(0.3)
+    assert rig.now.runtime_state is RuntimeState.PAUSED
+    assert not rig.now.robot_status_bits & RobotStatusBits.PROGRAM_RUNNING
+    rig.request("brake release")
+    rig.until(lambda s: s.robot_mode is RobotMode.RUNNING)
+    rig.seconds(0.5)
+    assert rig.now.runtime_state is RuntimeState.PAUSED
+    rig.script(LONG_MOVE)  # ends the paused one
+    rig.seconds(0.5)
+    assert rig.now.runtime_state is RuntimeState.STOPPED
+    rig.script(LONG_MOVE)
+    rig.until(lambda s: any(s.target_qd), 1.0)
+
+
+@pytest.mark.parametrize("secondary", [False, True])
+def test_a_program_sent_while_one_is_paused_only_ends_it(ready, secondary):
+    """The same issue: "the VNC view only shows it switching to Stopped", and "a second call actually starts it"."""
+    ready.script(LONG_MOVE)
+    ready.seconds(0.5)
+    assert ready.request("pause") == "Pausing program"
+    if secondary:
+        ready.script("sec set():\n  set_digital_out(0, True)\nend\n")
+        ready.seconds(0.3)
+        assert ready.now.runtime_state is RuntimeState.PAUSED
+        return
+    ready.script(LONG_MOVE)
+    ready.seconds(0.3)
+    assert ready.now.runtime_state is RuntimeState.STOPPED
+    assert "was sent while it was paused" in "\n".join(ready.controller.messages.history)
+    ready.script(LONG_MOVE)
+    ready.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
+
+
+def test_the_dashboard_names_the_loaded_program_only(make, tmp_path):
+    """A test suite of a driver against URSim 5.25.2 reads RTDE's runtime_state for a program it has sent."""
+    (tmp_path / "own.script").write_text("def own():\n  sleep(9)\nend\n")
+    rig = make("ur5e", running=True, programs_dir=tmp_path)
+    rig.request("load own.script")
+    rig.script(LONG_MOVE)
+    rig.seconds(0.5)
+    assert rig.now.runtime_state is RuntimeState.PLAYING
+    assert (rig.request("programState"), rig.request("running")) == ("STOPPED own.script", "Program running: true")
+    rig.request("stop")
+    rig.request("play")
+    assert rig.request("programState") == "PLAYING own.script"
+
+
+@pytest.mark.parametrize(
+    ("version", "remote", "answer"),
+    [
+        ("5.9.4", False, "Starting program"),  # tests of the official C++ client, which say that remote control is off
+        ("5.26.0", False, "Failed to execute: play"),  # JimothyJohn/perceptronics
+        ("5.26.0", True, "Starting program"),
+    ],
+)
+def test_play_in_local_control(make, tmp_path, version, remote, answer):
+    (tmp_path / "own.script").write_text("def own():\n  sleep(9)\nend\n")
+    rig = make("ur5e", running=True, programs_dir=tmp_path, version=version, remote_control=remote)
+    rig.request("load own.script")
+    assert rig.request("is in remote control") == str(remote).lower()
+    assert rig.request("play") == answer
+    rig.request("stop")
+    rig.script(LONG_MOVE)
+    rig.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
 
 
 # emergency stop, safeguard, reduced, violation

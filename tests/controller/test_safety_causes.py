@@ -75,9 +75,9 @@ class Robot:
         self.rig.tick()
 
     def words(self):
-        """Robot mode, safety mode, safety status and program state as reported by the dashboard."""
-        lines = [self.rig.request(line) for line in ("robotmode", "safetymode", "safetystatus", "programstate")]
-        return [line.split(": ")[-1].split(" ")[0] for line in lines]
+        """Robot mode, safety mode and safety status as reported by the dashboard, and RTDE's runtime state."""
+        lines = [self.rig.request(line) for line in ("robotmode", "safetymode", "safetystatus")]
+        return [*(line.split(": ")[-1] for line in lines), self.rig.now.runtime_state.name]
 
     def rtde(self):
         recipe = Recipe.of(NAMES, OUTPUT_FIELDS)
@@ -191,8 +191,9 @@ def test_an_arm_outside_its_limits_recovers_by_being_moved_back(make, model):
     assert rig.now.safety_status_bits == SafetyStatusBits.RECOVERY
     rig.script(PROGRAM)
     rig.seconds(0.2)
-    assert rig.now.runtime_state is RuntimeState.STOPPED
+    assert rig.now.runtime_state is RuntimeState.PAUSED
     assert rig.now.target_qd == (0.0,) * 6
+    assert rig.request("stop") == "Stopped"
     rig.controller.post(Jog((-3.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
     speeds = []
     while rig.tick().safety_mode is SafetyMode.RECOVERY:

@@ -12,7 +12,7 @@ from urproto.signals import CONFIGURABLE, STANDARD
 
 both_series = pytest.mark.parametrize("model", ["ur5", "ur5e"])
 TCP = '<tcp name="TCP" offset="0, 0, 0.1, 0, 0, 0"/>'
-NONE = "No program loaded"
+NONE = "Loaded program: /programs/<unnamed>.urp"  # e-Series
 QUICK = PowerTimings(joint_boot_s=0.02, power_on_s=0.02, brake_release_s=0.02)
 CUBE = "Loaded program: /programs/cube/Cube.urp"
 

@@ -30,7 +30,7 @@ def refused(arm):
     """The error when the program saved as tree.urp is loaded."""
     before = len(arm.texts)
     assert arm.request("load tree.urp") == "Error while loading program: tree.urp"
-    assert arm.request("get loaded program") == "No program loaded"
+    assert arm.request("get loaded program") == "Loaded program: /programs/<unnamed>.urp"
     return arm.texts[before]
 
 

@@ -45,6 +45,7 @@ class FakeController:
             snapshot = self.snapshot.successor()
             snapshot.step += 1
             snapshot.timestamp = snapshot.step * self.version.series.period_s
+            snapshot.messages = ()
             for name, value in changes.items():
                 setattr(snapshot, name, value)
             self.snapshot = snapshot

@@ -165,6 +165,7 @@ def test_ports_return_text_byte_for_byte(robot: Robot, text: bytes) -> None:
     assert popups == [(text, text)]
     assert robot.call("variables")[1]["result"]["v"] == readable(from_bytes(text))
     assert robot.command(b"popup " + text) == b"showing popup"
+    robot.tick(60)
     (shown,) = [to_bytes(m.text) for m in robot.messages() if isinstance(m, PopupMessage)]
     assert shown == text.strip()
     assert text.strip() in robot.command(b"nonsense " + text)

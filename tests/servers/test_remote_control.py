@@ -50,7 +50,7 @@ def test_scripts_on_every_port_are_refused_with_c210_to_primary_clients() -> Non
         client = MemoryClient(servers[name])
         decoder.feed(watcher.take())
         client.feed(b"power on\n")
-        ticks(controller)
+        ticks(controller, 60)
         codes = [m.code for m in decoder.feed(watcher.take()) if isinstance(m, ErrorCodeMessage)]
         assert codes == [210], name
     assert controller.power.robot_mode is RobotMode.POWER_OFF
