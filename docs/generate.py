@@ -5,6 +5,7 @@
 
 import argparse
 import ast
+import csv
 import dataclasses
 import inspect
 import io
@@ -189,8 +190,49 @@ def states() -> str:
         _causes(),
         "## Program",
         _transitions(RUN_TABLE),
+        "## Interactions",
+        "What happens in each state when something comes in through one of the interfaces, and what all of them show one "
+        "second later. A test compares every row with both series. The loaded program is `moves.urp`; a client sends "
+        "`client` and `next` to any of the script ports.",
+        *_interactions(),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+_INTERACTIONS = DOCS.parent / "tests" / "golden" / "interactions.tsv"
+_SERIES_NAMES = {"both": "", "e": " (e-Series)", "cb3": " (CB3)"}
+
+
+def _interactions() -> Iterator[str]:
+    """A table for each state of the robot."""
+    with _INTERACTIONS.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE))
+    for state in dict.fromkeys(row["state"] for row in rows):
+        yield f"### {state[0].upper()}{state[1:]}"
+        yield _table(
+            (
+                "event",
+                "dashboard answers",
+                "programState; running",
+                "RTDE: program, robot, safety",
+                "30001",
+                "arm",
+                "source",
+            ),
+            [
+                (
+                    row["event"] + _SERIES_NAMES[row["series"]],
+                    row["answer"],
+                    row["program"],
+                    ", ".join(row[name] for name in ("runtime state", "robot mode", "safety mode")),
+                    row["messages"],
+                    row["arm"],
+                    row["source"],
+                )
+                for row in rows
+                if row["state"] == state
+            ],
+        )
 
 
 def guesses() -> str:
