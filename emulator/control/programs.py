@@ -36,7 +36,7 @@ class ProgramVerbs(Verbs):
 
     @verb
     def dashboard(self, line: str) -> str:
-        """Execute a dashboard command as if at the pendant; returns its answer. Also on PolyScope X, without a server."""
+        """Execute a dashboard command as if at the pendant, also on PolyScope X; returns its answer."""
         return self._wait(_answered(dashboard.execute(self.controller, line, at_pendant=True)))
 
     @verb

@@ -28,8 +28,8 @@ class StopCause:
 SCRIPT_PROTECTIVE_STOP: Final = StopCause(209)
 READ_ONLY_SOCKET: Final = 210
 BUSY_PROTECTIVE_STOP: Final = StopCause(271, 1)
-# Four reports agree on code and stop: URSim 5.25.2 (test suite of a driver), URSim 3.15.8 (HelvotecUlrich/ARES_Mauer), a
-# real robot (issue 28 of the ROS driver). The Script Manual says only that "stop" stops the program.
+# Reports that agree on code and stop: URSim 5.25.2 (test suite of a driver), URSim 3.15.8 (HelvotecUlrich/ARES_Mauer),
+# and a real robot (issue 28 of the ROS driver). The Script Manual says only that "stop" stops the program.
 RTDE_WATCHDOG: Final = StopCause(207)
 
 # Ramp of a program's time when it starts. Measured: target speeds of a UR3 and a UR5 that start a program with a movel

@@ -82,7 +82,8 @@ def in_periods(steps: Steps[ResultT], period_s: float) -> Generator[None, None, 
 class Submission:
     """A text submitted by a client. ``accepted`` is None until it is decided whether it runs.
 
-    ``of_file``: it is that of the loaded program, which is played. ``translation``: creates the text from a program tree. ``refusal``: reason why that failed.
+    ``of_file``: it is that of the loaded program, which is played. ``translation``: creates the text from a program
+    tree. ``refusal``: reason why that failed.
     """
 
     text: str

@@ -9,10 +9,10 @@ A program that does not compile changes nothing: the running one continues. A lo
 compiled over several periods (`emulator.programs.compiling`), during which the running one
 continues too; any stop of the main program then also drops the one being compiled.
 
-Two rules for programs that a client sends surprise its users (issue 123 of the official client library, URSim 5.12, two
-people): a program sent while another one is paused only ends that one, and starts when it is sent again; one sent while
-the brakes are engaged is left paused before its first statement. That a safety stop counts like engaged brakes, and that
-CB3 controllers do the same, are guesses.
+Two rules for programs that a client sends surprise its users (issue 123 of the official client library, URSim 5.12,
+two people): a program sent while another one is paused only ends that one, and starts when it is sent again; one sent
+while the brakes are engaged is left paused before its first statement. That a safety stop counts like engaged brakes,
+and that CB3 controllers do the same, are guesses.
 """
 
 from collections.abc import Mapping

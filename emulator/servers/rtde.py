@@ -1,7 +1,7 @@
 """RTDE server (TCP 30004).
 
-A client that does not read what it started is disconnected, as by a controller (issue 6 of the RTDE Python client: after
-11 s without reading, some old packages, then the end of the connection).
+A client that does not read what it started is disconnected, as by a controller (issue 6 of the RTDE Python client:
+after 11 s without reading, some old packages, then the end of the connection).
 """
 
 import logging

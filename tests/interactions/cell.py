@@ -34,6 +34,8 @@ from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
 from urproto.versions import PolyscopeVersion, Series
 
+PORTS: Final = ("primary", "secondary", "realtime")
+"""Where programs are sent; which of them makes no difference."""
 ARMS: Final = {Series.CB3: "ur5", Series.E: "ur5e"}
 SHOWN: Final = ("runtime_state", "robot_mode", "safety_mode", "actual_qd", "actual_digital_output_bits")
 WATCHED: Final = "input_int_register_20"
@@ -77,9 +79,7 @@ class Cell:
         self.network.silent.add(SILENT)
         self.controller.programs.socket_backend = self.network
         servers = {server.name: server for server in make_servers(self.controller)}
-        self.clients = {
-            name: MemoryClient(servers[name]) for name in ("dashboard", "rtde", "primary", "secondary", "realtime")
-        }
+        self.clients = {name: MemoryClient(servers[name]) for name in ("dashboard", "rtde", *PORTS)}
         self.feeding = True  # the RTDE client writes the watched register
         self.messages: list[RobotMessage] = []
         self.state: dict[str, Any] = {}
@@ -151,8 +151,9 @@ class Cell:
 
     def shown(self) -> dict[str, str]:
         """What the ports show now, as in the table."""
+        state, running = self.ask("programState"), self.ask("running")
         return {
-            "program": f"{_nameless(self.ask('programState'))}; {self.ask('running').removeprefix('Program running: ')}",
+            "program": f"{_nameless(state)}; {running.removeprefix('Program running: ')}",
             "runtime state": RuntimeState(self.state["runtime_state"]).name,
             "robot mode": RobotMode(self.state["robot_mode"]).name,
             "safety mode": SafetyMode(self.state["safety_mode"]).name,
@@ -217,6 +218,13 @@ def _paused(cell: Cell) -> None:
     cell.seconds(0.5)
 
 
+def _connecting(cell: Cell) -> None:
+    _sent(cell)
+    cell.send(f'sec s():\n  socket_open("{SILENT[0]}", {SILENT[1]}, "s")\nend\n')
+    cell.tick()
+    cell.tick()
+
+
 def _stopped_by(stop: Callable[[Cell], None]) -> Callable[[Cell], None]:
     def enter(cell: Cell) -> None:
         _playing(cell)
@@ -233,15 +241,7 @@ STATES: Final[dict[str, tuple[Callable[[Cell], Any], dict[str, Any]]]] = {
     ".urp paused": (lambda cell: (_playing(cell), _paused(cell)), {}),
     "sent program playing": (_sent, {}),
     "sent program paused": (lambda cell: (_sent(cell), _paused(cell)), {}),
-    "secondary program connecting": (
-        lambda cell: (
-            _sent(cell),
-            cell.send(f'sec s():\n  socket_open("{SILENT[0]}", {SILENT[1]}, "s")\nend\n'),
-            cell.tick(),
-            cell.tick(),
-        ),
-        {},
-    ),
+    "secondary program connecting": (_connecting, {}),
     "power off": (_loaded, {"running": False}),
     "local control, simulator": (_loaded, {"version": _LOCAL}),
     "local control, arm": (lambda cell: None, {"enforce_remote_control": True}),
@@ -273,10 +273,6 @@ def _gone(cell: Cell) -> None:
         cell.peer.close()
 
 
-PORTS: Final = ("primary", "secondary", "realtime")
-"""Where programs are sent; which of them makes no difference."""
-
-
 EVENTS: Final[dict[str, Callable[[Cell], str | None]]] = {
     "program sent": lambda cell: cell.send(sent("next", "sleep(9)")),
     "program with an error sent": lambda cell: cell.send(sent("wrong", "nonsense()")),
@@ -296,8 +292,8 @@ EVENTS: Final[dict[str, Callable[[Cell], str | None]]] = {
 }
 
 COLUMNS: Final = ("answer", "program", "runtime state", "robot mode", "safety mode", "messages", "arm")
-"""What a row of the table says: the dashboard's answer to the event, then, a second later, its answers to programState and
-running, RTDE's modes, what the primary client got, and whether the arm moves."""
+"""What a row of the table says: the dashboard's answer to the event, then, a second later, its answers to programState
+and running, RTDE's modes, what the primary client got, and whether the arm moves."""
 
 
 def series_of(state: str) -> Iterator[Series]:
