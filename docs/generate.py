@@ -192,8 +192,8 @@ def states() -> str:
         _transitions(RUN_TABLE),
         "## Interactions",
         "What happens in each state when something comes in through one of the interfaces, and what all of them show "
-        "one second later. A test compares every row with both series. The loaded program is `moves.urp`; a client sends "
-        "`client` and `next` to any of the script ports.",
+        "one second later. A test compares every row with both series. The loaded program is `moves.urp`; a client "
+        "sends `client` and `next` to any of the script ports.",
         *_interactions(),
     ]
     return "\n\n".join(parts) + "\n"

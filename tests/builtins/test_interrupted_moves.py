@@ -11,16 +11,16 @@ PUSH_DOWN = "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,-20,0,0,0], 2, [0.1,
 
 
 @pytest.mark.parametrize("event", [SafetyEvent.PROTECTIVE_STOP, SafetyEvent.ROBOT_EMERGENCY_STOP])
-def test_a_stop_between_two_programs_keeps_the_second_from_starting(rig, event):
+def test_a_stop_between_two_programs_leaves_the_second_paused(rig, event):
     """The second waits until the sockets of the first are closed; the stop comes in this gap."""
     rig.start('socket_open("10.0.0.1", 50001)\nsleep(5)', "first")
     rig.seconds(0.1)
     rig.start("movej([1, -1.5, 1.5, -1.6, -1.57, 0])", "second")
     rig.controller.safety_event(event)
     rig.seconds(1.0)
-    assert rig.state is not RuntimeState.PLAYING
+    assert rig.state is RuntimeState.PAUSED
     assert rig.q == pytest.approx(HOME, abs=1e-9)
-    assert "second was not started" in rig.texts[-1]
+    assert any("second waits: " in line for line in rig.controller.messages.history)
 
 
 @pytest.mark.parametrize(

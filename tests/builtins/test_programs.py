@@ -7,7 +7,7 @@ from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.programs.loading import ProgramLoadError
 from urproto.modes import RuntimeState, SafetyMode
-from urproto.primary.messages import PopupMessage, RequestValueMessage
+from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RequestValueMessage
 
 
 def test_start_and_end_are_reported_once_around_the_text(rig):
@@ -118,12 +118,13 @@ def test_pause_and_resume_stay_on_the_path_and_arrive(rig):
     ]
 
 
-def test_a_program_without_arm_power_is_refused_with_a_message(make_rig):
+def test_a_program_without_arm_power_waits_and_the_log_says_for_what(make_rig):
     rig = make_rig("ur5e", None, running=False)
     rig.start('textmsg("no")')
     rig.tick(5)
-    assert rig.keys == []
-    assert "was not started" in rig.texts[0]
+    assert [title for title, _ in rig.keys] == ["PROGRAM_XXX_STARTED", "PROGRAM_XXX_PAUSED"]
+    assert rig.texts == []
+    assert any("prog waits: power the arm on" in line for line in rig.controller.messages.history)
 
 
 def test_power_off_ends_the_program(rig):
@@ -202,6 +203,49 @@ def test_the_watchdog_acts_when_the_client_falls_silent(rig, action, state):
     assert rig.state is RuntimeState.PLAYING
     silent = rig.until(lambda: rig.state is state, 1.0)
     assert silent == pytest.approx(0.02, abs=0.01)
+
+
+def test_a_watchdog_that_stops_is_a_protective_stop_unless_the_program_asked_for_a_pause(rig):
+    """C207A0: URSim 5.25.2 and 3.15.8, and issue 28 of the ROS driver."""
+    loop = 'rtde_set_watchdog("input_int_register_0", 10, "stop")\nwhile True:\n  sync()\nend'
+    rig.start(f"pause_on_error_code(207)\n{loop}")
+    rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
+    assert rig.controller.safety.mode is SafetyMode.NORMAL
+    rig.controller.programs.stop()
+    rig.seconds(0.1)
+    rig.start(loop)
+    rig.until(lambda: rig.controller.safety.mode is SafetyMode.PROTECTIVE_STOP, 1.0)
+    rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
+    rig.tick()
+    assert [(m.code, m.argument) for m in rig.messages if isinstance(m, ErrorCodeMessage)] == [(207, 0)]
+
+
+@pytest.mark.parametrize("model", ["ur3", "ur5e"])
+def test_a_secondary_program_opens_a_socket_if_the_answer_comes_within_its_period(make_rig, model):
+    """Forum thread 8259: `sec` programs that send "set speed" to the controller's own port, in daily use."""
+    rig = make_rig(model, None)
+    rig.sockets.listening.add(("10.0.0.1", 30003))
+    rig.submit('sec slow():\n  socket_open("10.0.0.1", 30003)\n  socket_send_line("set speed 0.8")\nend\n')
+    rig.tick(2)
+    assert rig.sockets.opened[-1].sent == b"set speed 0.8\n"
+    assert rig.sockets.opened[-1].state == "closed"
+    assert rig.keys == []
+
+
+def test_time_stands_still_for_a_secondary_program_that_connects(rig):
+    rig.sockets.silent.add(("10.0.0.1", 9))
+    rig.start("i = 0\nwhile True:\n  i = i + 1\n  sync()\nend")
+    rig.tick(3)
+    rig.submit('sec late():\n  socket_open("10.0.0.1", 9, "own")\n  socket_send_line("here", "own")\nend\n')
+    rig.tick(3)
+    assert rig.controller.programs.busy
+    late = rig.sockets.opened[-1]
+    late.accept()
+    rig.tick()
+    assert late.sent == b"here\n"
+    rig.submit('sec never():\n  if not socket_open("10.0.0.1", 9, "two"):\n    textmsg("gave up")\n  end\nend\n')
+    rig.until(lambda: "gave up" in rig.texts, 0.2)
+    assert rig.state is RuntimeState.PLAYING
 
 
 def test_watchdog_action_in_capitals(rig):
