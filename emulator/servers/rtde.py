@@ -25,7 +25,7 @@ class RTDEServer(PortServer):
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("rtde", controller)
-        self.host = RTDEHost(controller.version, lambda: self.controller.snapshot.switched_on)
+        self.host = RTDEHost(controller.version, lambda: self.controller.snapshot)
         self.started: dict[_RTDEConnection, None] = {}  # clients that get output packages, in order
 
     def connect(self) -> Connection:
@@ -59,6 +59,10 @@ class _RTDEConnection(Connection):
         self.session = RTDESession(host, self._write_inputs, self._note)
         self._decoder = RTDEDecoder()
         self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_PER_PERIOD)
+
+    def opened(self) -> None:
+        for reply in self.session.greeting():
+            self._reply(reply)
 
     def received(self, data: bytes) -> None:
         for package in self._decoder.feed(data):
