@@ -21,6 +21,7 @@ from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
 from emulator.services.sockets import ScriptNetwork
 from urproto.commandline import Deferred, application, completing, load_from, version_of, with_options_of
+from urproto.facts import Personality
 from urproto.ports import PENDANT_PORT
 
 if TYPE_CHECKING:
@@ -103,6 +104,14 @@ def configure(
             "the parameters that ur-client identify found in a recording.",
         ),
     ] = ArmKind.IDEAL,
+    personality: Annotated[
+        Personality,
+        typer.Option(
+            "--as",
+            help="ursim: what a simulator of this model and version reports (serial number, start pose, voltages, no "
+            "boot); arm: what a real arm does. How the arm moves is --arm.",
+        ),
+    ] = Personality.URSIM,
     seed: Annotated[int, typer.Option(help="Seed of a dynamic arm's measurement noise.")] = 0,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second of real time.")] = 1.0,
     realtime: Annotated[
@@ -179,6 +188,7 @@ def configure(
         self_collision=self_collision,
         wall_clock_s=time.time(),
         arm=arm,
+        personality=personality,
         seed=seed,
         external_control=external_control,
         world=world,

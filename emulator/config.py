@@ -23,10 +23,11 @@ from emulator.world.file import read_world
 from emulator.world.world import Plan, WorldError
 from urproto import robots
 from urproto.dashboard import AVAILABLE as DASHBOARD_SERVER
+from urproto.facts import Personality, availability
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
 from urproto.robotapi import WEB_SERVER
-from urproto.robots import START_Q, Calibration, CalibrationError, RobotModel, calibration_hash, load_model
+from urproto.robots import Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints
 from urproto.text import quoted
@@ -74,6 +75,7 @@ _FIRST_VERSION: Final = {  # the other ports are as old as the series
     "interpreter": INTERPRETER_MODE,
     "dashboard": DASHBOARD_SERVER,
     "robot api": WEB_SERVER,
+    "rtde": availability("service.rtde"),
 }
 _LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"
@@ -193,6 +195,7 @@ def controller_config(
     external_control: str | None = None,
     world: Path | str | Plan | None = None,
     physics: bool = False,
+    personality: str = Personality.URSIM,
     **fields: Any,
 ) -> ControllerConfig:
     """Create the configuration of a controller from the options of ``ur-emulator``, which have the same names here.
@@ -201,10 +204,13 @@ def controller_config(
     TypeError for a name that is neither an option nor a field.
     """
     chosen, dynamic = choose_arm(model, polyscope, arm)
+    version = choose_version(polyscope, chosen)
     if fields.get("self_collision"):
         require_coal("--self-collision")
+    identity = ControllerConfig(model=chosen, version=version, personality=Personality(personality))
     if (q_rad := fields.pop("initial_q", None)) is None:
-        q_rad = read_initial_positions(_path(initial_positions), chosen)
+        path = _path(initial_positions)
+        q_rad = identity.start_q if path is None else read_initial_positions(path, chosen)
     if (speeds := fields.pop("encoder_speeds", None)) is None:
         speeds = (encoder0_speed, encoder1_speed)
     mounted = choose_gripper(gripper, gripper_object)
@@ -214,9 +220,9 @@ def controller_config(
         surroundings = world
     if surroundings is not None:
         check_surroundings(surroundings, chosen, q_rad)
-    return ControllerConfig(
+    return replace(
+        identity,
         model=read_calibration(_path(calibration), chosen),
-        version=choose_version(polyscope, chosen),
         initial_q=as_six(q_rad),
         programs_dir=read_programs_dir(_path(programs)),
         enforce_remote_control=check_enforced_remote_control(enforce_remote_control, chosen),
@@ -310,14 +316,12 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
         raise ConfigError(str(error)) from error
 
 
-def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:
-    """Joint angles [rad] from a YAML file of joint names, such as ur_description's; by default the start position.
+def read_initial_positions(path: Path, model: RobotModel) -> Joints:
+    """Joint angles [rad] from a YAML file of joint names, such as ur_description's.
 
     Raises ConfigError if the file is unreadable, does not name exactly the six joints, or contains an angle outside
     the joint limits.
     """
-    if path is None:
-        return START_Q
     content = read_yaml(path)
     if not isinstance(content, dict) or set(content) != set(JOINT_NAMES):
         raise ConfigError(f"{path} must give radians for each of {', '.join(JOINT_NAMES)}, and nothing else")

@@ -44,17 +44,17 @@ from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot, plausible
 from emulator.startup import Startup
 from emulator.world.world import Wiring, World
-from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
+from urproto.facts import Personality, Situation, find, known
+from urproto.modes import AnalogDomain, ReportLevel, RobotStatusBits, RuntimeState
 from urproto.robots.measured import supply_of
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.vectors import ZERO6, Vector6
-from urproto.versions import DEFAULT_VERSION, Availability, Series
+from urproto.versions import Series
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 
 _SAFETY: Final = frozenset(section.name for section in SAFETY_SECTIONS)
-_SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 _POWER_ON: Final = int(RobotStatusBits.POWER_ON)
 _PROGRAM_RUNNING: Final = int(RobotStatusBits.PROGRAM_RUNNING)
 _CHECKED: Final = {
@@ -69,12 +69,6 @@ _CHECKED: Final = {
 }
 """Values of the arm that are checked for plausibility, and their attributes."""
 _vectors_of = attrgetter(*_CHECKED.values())
-# an ideal arm is that of a simulator; early simulators report other currents and temperatures (versions: guess)
-_LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
-# Simulators that have the switch for remote control, and refuse `play` in local control: 5.26.0 does (JimothyJohn/
-# perceptronics, CLAUDE.md). In the tests of the official C++ client, 5.9.4 and others play and say "false" to "is in
-# remote control". That the version makes the difference, and not a setting of that simulator, is a guess.
-_REMOTE_CONTROL_ENABLED: Final = Availability.since(None, "5.26", None)
 
 
 class Controller(Machine):
@@ -85,8 +79,9 @@ class Controller(Machine):
     def __init__(self, config: ControllerConfig) -> None:
         self.config = config
         self.model = config.model
-        self.version = config.version or DEFAULT_VERSION[config.model.series]
-        self.serial_number = config.serial_number or _SERIAL_NUMBERS[self.version.series]
+        self.situation = config.situation
+        self.version = self.situation.version
+        self.serial_number = config.serial_number or find("serial_number", self.situation).value
         self.period_s = self.version.series.period_s
         self._frequency_hz = self.version.series.frequency_hz
         self.step_count = self._first_step = round(config.uptime_s * self._frequency_hz)
@@ -96,15 +91,15 @@ class Controller(Machine):
         self.operational_mode = "NONE"
         self.remote_control = config.remote_control  # the pendant's switch, if its settings enable it
         forced = config.remote_control or config.enforce_remote_control
-        self.remote_control_enabled = forced or _REMOTE_CONTROL_ENABLED.covers(self.version)
+        self.remote_control_enabled = forced or known("remote_control.switch", self.situation) is not None
         self.reports_dir: Path | None = None  # folder for reports without a programs directory; created when needed
 
         self.messages = MessageLog(self._time_us)
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
         self.registers = Registers()
         self.modbus_registers: ModbusRegisters = ModbusRegisters()
-        early = not config.dynamic and not _LATE_SIMULATOR.covers(self.version)
-        self.signals = Signals(early_simulator=early)
+        analog_inputs = AnalogDomain[find("analog_inputs", self._situation_of_arm).value.upper()]
+        self.signals = Signals(analog_inputs)
         self.encoders = Encoders(self.period_s, config.encoder_speeds)
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step of its last update
@@ -113,7 +108,7 @@ class Controller(Machine):
         self.world_model = WorldModel()
         self.base_light = BaseLight()
         self.speed = Speed(round(START_S / self.period_s) if config.dynamic else 1)
-        self.power = Power(config.timings, running=config.running)
+        self.power = Power(config.power_timings, running=config.running)
         self.safety = Safety()
         self.external_wrench: Vector6 = ZERO6  # external wrench on the TCP, base frame [N, Nm]
         self.world: World | None = config.world.build(self.model, self.period_s) if config.world else None
@@ -122,8 +117,8 @@ class Controller(Machine):
         self.simulation = Simulation(self.arm)
         self.arm.base_wrench_enabled = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         supply = supply_of(self.model) if config.dynamic else None
-        self.electrics = Electrics(supply, config.seed, early_simulator=early)
-        self.motion = Motion(self.model, self.period_s, config.initial_q)
+        self.electrics = Electrics(self._situation_of_arm, supply, config.seed)
+        self.motion = Motion(self.model, self.period_s, config.start_q)
         self.modbus = ModbusSignals(self.version.series)
         self.freedrive_inputs = FreedriveInputs(self.signals, self.registers, self.modbus, self.motion)
         self.safety_board = SafetyBoard(self)
@@ -161,6 +156,11 @@ class Controller(Machine):
         self.snapshot = self._unaltered = Snapshot(target_execution_time=1000.0 * self.period_s)
         self._move_arm()
         self._publish()
+
+    @property
+    def _situation_of_arm(self) -> Situation:
+        """A dynamic arm is a real one, even if the controller reports a simulator's identity."""
+        return self.situation._replace(personality=Personality.ARM) if self.config.dynamic else self.situation
 
     # time
 

@@ -28,11 +28,12 @@ from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot
 from emulator.world.world import Plan
+from urproto.facts import Personality, Situation, find, release_of
 from urproto.modes import RuntimeState
-from urproto.robots import START_Q, RobotModel
+from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
 from urproto.vectors import Vector6
-from urproto.versions import PolyscopeVersion
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.safety_configuration import SafetyConfiguration
 
@@ -44,7 +45,8 @@ _NEW_YEAR_2024_S: Final = 1_704_067_200.0
 class ControllerConfig:
     """Initial configuration of a controller.
 
-    version: None selects the default of the model's series. initial_q: initial joint angles [rad].
+    version: None selects the default of the model's series. personality: whose properties the robot has where a
+    simulator and a real arm differ. initial_q, serial_number, timings: of the personality unless given [rad, s].
     running: start with the brakes released. uptime_s: initial uptime; clients wait until it is 40 s.
     programs_dir: folder for ``load`` and for reports; its default.installation, and the program named there, are
     loaded at boot. external_control: address at which the driver serves the program of External Control nodes; takes
@@ -62,10 +64,11 @@ class ControllerConfig:
 
     model: RobotModel
     version: PolyscopeVersion | None = None
-    initial_q: Vector6 = START_Q
+    initial_q: Vector6 | None = None
     running: bool = False
     uptime_s: float = 41.0
     programs_dir: Path | None = None
+    personality: Personality = Personality.URSIM
     serial_number: str | None = None
     remote_control: bool = False
     enforce_remote_control: bool = False
@@ -80,7 +83,23 @@ class ControllerConfig:
     seed: int = 0
     external_control: DriverAddress = field(default_factory=DriverAddress)
     world: Plan | None = None
-    timings: PowerTimings = field(default_factory=PowerTimings)
+    timings: PowerTimings | None = None
+
+    @property
+    def situation(self) -> Situation:
+        """The robot about which the ledger of facts is asked."""
+        version = release_of(self.version or DEFAULT_VERSION[self.model.series]).version
+        return Situation(version, self.model.name, self.personality)
+
+    @property
+    def power_timings(self) -> PowerTimings:
+        """Durations of boot, switching on and brake release."""
+        return self.timings or PowerTimings.of(self.situation)
+
+    @property
+    def start_q(self) -> Vector6:
+        """Joint angles when the controller starts [rad]."""
+        return find("start_q", self.situation).six if self.initial_q is None else self.initial_q
 
 
 class ProgramControl(Protocol):
@@ -108,6 +127,9 @@ class Machine(ABC):
     config: ControllerConfig
     model: RobotModel
     version: PolyscopeVersion
+    """The release, with its build."""
+    situation: Situation
+    """The robot about which the ledger of facts is asked."""
     serial_number: str
     period_s: float
     """Control period [s]."""

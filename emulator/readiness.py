@@ -16,6 +16,7 @@ from typing import Final
 from urproto.compat_asyncio import timeout
 from urproto.dashboard import GREETING, LineDecoder
 from urproto.errors import RemoteProtocolError
+from urproto.facts import rows
 from urproto.interpreter import StatementDecoder, TooLong, parse_answer
 from urproto.modbus import (
     Frame,
@@ -50,12 +51,14 @@ from urproto.rtde.codec import (
     VersionReply,
     decode_reply,
 )
+from urproto.rtde.fields import OUTPUT_FIELDS
 
 _TIMEOUT_S: Final = 15.0  # guess; 0.2 s on an idle machine, some seconds if eight robots start together
 _READ_BYTES: Final = 4096
 _PROTOCOL: Final = 2
-_RTDE_VARIABLE: Final = "timestamp"  # in every version
+_RTDE_VARIABLE: Final = OUTPUT_FIELDS["timestamp"]
 _RTDE_RATE_HZ: Final = 10.0
+_UNCONFIRMED: Final = rows("safety_setup.unconfirmed")[0].value.encode()
 _UNSPECIFIED: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listens on all: connect to loopback
 
 
@@ -134,6 +137,7 @@ class _RtdeExchange:
         self._stream = stream
         self._decoder = RTDEDecoder()
         self._packages: deque[Package] = deque()
+        self.texts: list[bytes] = []
 
     async def request(self, request: Request, protocol: int = _PROTOCOL) -> Reply:
         self._stream.send(request.encode(protocol))
@@ -143,10 +147,15 @@ class _RtdeExchange:
         """The next package other than a text message, which is never an answer."""
         while not self._packages or self._packages[0].type == PackageType.TEXT_MESSAGE:
             if self._packages:
-                self._packages.popleft()
+                self.texts.append(self._packages.popleft().payload)
             else:
                 self._packages += self._decoder.feed(await self._stream.read())
         return decode_reply(self._packages.popleft(), _PROTOCOL)
+
+    @property
+    def unconfirmed(self) -> bool:
+        """Whether the controller has said that it sends no data, because its safety setup is not confirmed."""
+        return any(_UNCONFIRMED in text for text in self.texts)
 
 
 async def _rtde(stream: _Stream) -> str:
@@ -157,14 +166,19 @@ async def _rtde(stream: _Stream) -> str:
     version = await rtde.request(GetVersion())
     if not isinstance(version, VersionReply):
         raise NotReady("the version was not reported")
-    recipe = await rtde.request(SetupOutputs((_RTDE_VARIABLE,), _RTDE_RATE_HZ))
+    name = f"PolyScope {version.version}"
+    if not _RTDE_VARIABLE.available.covers(version.version):
+        return f"{name}, which has no variable {_RTDE_VARIABLE.name}"
+    recipe = await rtde.request(SetupOutputs((_RTDE_VARIABLE.name,), _RTDE_RATE_HZ))
     if not isinstance(recipe, SetupOutputsReply) or not recipe.recipe_id:
-        raise NotReady(f"a recipe of {_RTDE_VARIABLE} is refused: {recipe}")
+        raise NotReady(f"a recipe of {_RTDE_VARIABLE.name} is refused: {recipe}")
     if await rtde.request(Start()) != StartReply(accepted=True):
+        if rtde.unconfirmed:
+            return f"{name}, sends no data until its safety setup is confirmed"
         raise NotReady("the recipe could not be started")
     if not isinstance(data := await rtde.next(), OutputData):
         raise NotReady(f"expected data, received {type(data).__name__}")
-    return f"PolyScope {version.version}, sends data"
+    return f"{name}, sends data"
 
 
 async def _interpreter(stream: _Stream) -> str:

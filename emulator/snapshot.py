@@ -160,10 +160,12 @@ class Snapshot:
     # for the primary interface only
     force_mode_frame: Vector6 = ZERO6  # task frame in the base frame, zero without force mode
     board_temperature: float = 0.0  # degC, of the control box
+    tool_board_voltage: float = 0.0  # V, as the tool data report it
     io_freedrive: bool = False  # an input holds the arm in freedrive
     safety_checksum: int = 0  # of the active safety configuration
     simulation: bool = False  # the pendant's switch is on Simulation: the real arm stands still
     switched_on: bool = False  # the arm has been on since the controller started
+    safety_confirmed: bool = True  # the safety setup; until then, RTDE sends no data
     local_control: bool = False  # an e-Series arm that refuses commands from the network
 
     def successor(self) -> Self:

@@ -66,15 +66,16 @@ class PolyscopeVersion:
         return f"{self.major}.{self.minor}.{self.bugfix}"
 
     def __str__(self) -> str:
-        return f"{self.major}.{self.minor}.{self.bugfix}.{self.build}"
+        """The version as controllers write it: before 3.3 the third number is the build, as in 3.2.18654."""
+        return f"{self.short}.{self.build}" if self.build else self.short
 
 
 _POLYSCOPE_X: Final = 10
 _FIRST_X: Final = PolyscopeVersion(10, 0)
 
 DEFAULT_VERSION = {
-    Series.CB3: PolyscopeVersion(3, 15, 8, 106339),  # from the console of a 3.15.8 simulator
-    Series.E: PolyscopeVersion(5, 22, 0, 1161320),  # the minor version that clients need; the build number is a guess
+    Series.CB3: PolyscopeVersion(3, 15, 8),
+    Series.E: PolyscopeVersion(5, 22),  # the minor version that clients need
 }
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from types import CodeType
 from typing import TypeAlias
 
+from urproto.facts import availability
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.analysis import FunctionPlan, plan_functions
 from urscript.builtins import Builtin, LibrarySet
@@ -30,8 +31,8 @@ FILE_NAME = "<urscript>"
 STRUCT = Availability.since(None, "5.14")
 """struct(): dozens of public programs saved by 5.14.5 controllers use it. It is a guess that 5.14.0 has it."""
 
-RESIZABLE_LISTS = Availability.since(None, "5.15")
-"""Earlier versions report "Resizing of 'List' is not supported" (simulators 5.9.4 to 5.14.6); 5.15.2 supports it."""
+RESIZABLE_LISTS = availability("list.resizable")
+"""Earlier versions report "Resizing of 'List' is not supported"."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

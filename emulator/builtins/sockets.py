@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.services.sockets import MAX_SOCKETS, ScriptSocket
+from urproto.facts import rows
 from urproto.text import from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -35,9 +36,7 @@ from urscript.values import (
 LIBRARY = Library("sockets", host=True)
 
 _CONNECT_S: Final = 2.0  # Script Manual, socket_open
-# A secondary program may open a socket to a server that answers within a period, on the controller itself above all
-# (Universal Robots forum, thread 8259). Here, the answer takes as long as the machine needs (guess).
-_SECONDARY_CONNECT_S: Final = 0.1
+_SECONDARY_CONNECT_S: Final = rows("secondary.connect")[0].number
 _VARIABLE_S: Final = 2.0  # Script Manual, socket_get_var
 _MAX_VALUES: Final = 30  # Script Manual, socket_read_ascii_float and the other list readers
 _SEARCHED_BYTES: Final = 8  # per meter unit of work, in the worst case: all data resembles the marker

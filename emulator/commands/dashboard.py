@@ -25,6 +25,7 @@ from emulator.programs.compiling import in_periods
 from emulator.programs.loading import DRIVER_PROGRAMS
 from emulator.robot.installation import InstallationError
 from urproto import dashboard as replies
+from urproto.facts import release_of
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.text import lower, strip
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -35,7 +36,6 @@ _Answer = str | _Waiting
 
 _MODES_TO_SET: Final = (replies.OperationalMode.MANUAL.name, replies.OperationalMode.AUTOMATIC.name)
 _SHOWN_ROOT: Final = "/programs"
-_RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions report the same, which is a guess
 # PolyScope answers when program and installation are loaded. Drivers wait 1 s for that, which simulators keep to unless
 # the machine is slow (an issue of the ROS 2 driver tells of one). How long it takes is a guess.
 _LOAD_S: Final = 0.6
@@ -374,7 +374,7 @@ def is_in_remote_control(controller: Controller) -> str:
 @command("PolyscopeVersion")
 def polyscope_version(controller: Controller) -> str:
     """Software version with its release date."""
-    return f"URSoftware {controller.version} ({_RELEASE_DATE})"
+    return f"URSoftware {controller.version} ({release_of(controller.version).date})"
 
 
 @command("version")

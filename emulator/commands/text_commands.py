@@ -1,7 +1,8 @@
 """The controller's own text commands on the script ports, which are not URScript.
 
 There is one decorated function per command; case and spacing do not matter. Sources: public client libraries use the
-first five; older clients use ``pause program``, ``resume program`` and ``set speed``. ``answer question`` and
+commands about power, brakes, protective stops and ``stop program``; scripts that start simulators use ``confirm user
+safety parameters``; older clients use ``pause program``, ``resume program`` and ``set speed``. ``answer question`` and
 ``cancel question`` are the emulator's own, because it is not public how the pendant's software answers a program's
 question.
 """
@@ -62,6 +63,12 @@ def _power_off(controller: Controller, _: str) -> None:
 def _run(controller: Controller, _: str) -> None:
     """Release the brakes, switching the arm on first if necessary."""
     controller.power_event(PowerEvent.BRAKE_RELEASE)
+
+
+@_text_command("confirm user safety parameters")
+def _confirm_safety(controller: Controller, _: str) -> None:
+    """Confirm the safety setup, as PolyScope does when it has started; RTDE sends no data until then."""
+    controller.power_event(PowerEvent.CONFIRM)
 
 
 @_text_command("set unlock protective stop")

@@ -120,6 +120,11 @@ class ModeVerbs(Verbs):
         self._power(PowerEvent.POWER_OFF)
 
     @verb
+    def confirm_safety_setup(self) -> None:
+        """Confirm the safety setup, as PolyScope does when it has started; until then, RTDE sends no data."""
+        self.controller.power_event(PowerEvent.CONFIRM)
+
+    @verb
     def protective_stop(self, code: int = SCRIPT_PROTECTIVE_STOP.code, argument: int = 0) -> None:
         """Trigger a protective stop, with this error code in the log."""
         if not (0 <= code <= INT_MAX and INT_MIN <= argument <= INT_MAX):

@@ -46,7 +46,7 @@ def rebooted(before: Controller, boot_s: float, outage_s: float) -> Controller:
     """The controller after a restart: uptime 0, booting, the arm off where it stood; the wall clock has run on."""
     config = before.config
     wall_clock_s = before.wall_clock_ns / 1e9 + outage_s
-    timings = replace(config.timings, controller_boot_s=boot_s)
+    timings = replace(config.power_timings, controller_boot_s=boot_s)
     config = replace(
         config, uptime_s=0.0, running=False, initial_q=before.motion.q, wall_clock_s=wall_clock_s, timings=timings
     )

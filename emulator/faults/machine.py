@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from emulator.faults.fault import Act, Fault, FaultImpossibleError, Machine, Rate, Share, Site, Strikes, register
 from emulator.faults.network import NotNegative
+from emulator.lifecycle.power import PowerEvent
 
 
 def _rate(site: Site) -> Rate:
@@ -65,6 +66,29 @@ class ClockDrift(Fault):
                 yield
         finally:
             rate.set_drift(0.0)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class UnconfirmedSafetySetup(Fault):
+    """The safety setup is not confirmed, as at the first start of a controller.
+
+    Robot mode CONFIRM_SAFETY while the arm is off; RTDE tells each client that it sends no data, and refuses to start.
+    It ends when the fault is cleared, by the verb confirm_safety_setup, or by the text command confirm user safety
+    parameters.
+    """
+
+    def claims(self, site: Site) -> set[str]:
+        return {"the confirmation of the safety setup"}
+
+    def act(self, site: Site, strikes: Strikes) -> Act:
+        controller = site.controller
+        controller.power.revoke_confirmation()
+        try:
+            while not controller.power.safety_confirmed:
+                yield
+        finally:
+            controller.power.handle(PowerEvent.CONFIRM)
 
 
 @dataclass(frozen=True, kw_only=True)

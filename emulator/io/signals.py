@@ -164,16 +164,14 @@ _TOOL_VOLTAGES: Final = (0, 12, 24)  # V
 class Signals(Marked):
     """State of all signals. Inputs are set from outside the robot, outputs by programs and clients.
 
-    early_simulator: analog inputs of the control box initially measure currents, as in a recording of one; in captures
-    of later simulators, and of an arm, they measure voltages.
+    analog_inputs: what the analog inputs of the control box initially measure.
     """
 
-    def __init__(self, *, early_simulator: bool = False) -> None:
+    def __init__(self, analog_inputs: AnalogDomain = AnalogDomain.VOLTAGE) -> None:
         self.digital_inputs = 0
         self.digital_outputs = 0
         self.analog_inputs = [0.0, 0.0]  # A or V by domain
-        own = AnalogDomain.CURRENT if early_simulator else AnalogDomain.VOLTAGE
-        self.analog_input_domains = [own, own]
+        self.analog_input_domains = [analog_inputs, analog_inputs]
         self.analog_output_ratios = [0.0, 0.0]  # 0..1 of the range
         self.analog_output_domains = [AnalogDomain.CURRENT, AnalogDomain.CURRENT]
         self.tool_analog_inputs = [0.0, 0.0]  # A or V by domain

@@ -12,6 +12,8 @@ from enum import Enum, auto
 from typing import Final
 
 from emulator.snapshot import Snapshot
+from urproto.compat import Self
+from urproto.facts import code_of
 from urproto.modes import RuntimeState
 
 
@@ -24,13 +26,16 @@ class StopCause:
     text: str = ""
     joint: int | None = None
 
+    @classmethod
+    def of(cls, situation: str) -> Self:
+        """The cause that the ledger of facts has for a situation, such as ``busy_program``."""
+        return cls(*code_of(situation))
 
-SCRIPT_PROTECTIVE_STOP: Final = StopCause(209)
-READ_ONLY_SOCKET: Final = 210
-BUSY_PROTECTIVE_STOP: Final = StopCause(271, 1)
-# Reports that agree on code and stop: URSim 5.25.2 (test suite of a driver), URSim 3.15.8 (HelvotecUlrich/ARES_Mauer),
-# and a real robot (issue 28 of the ROS driver). The Script Manual says only that "stop" stops the program.
-RTDE_WATCHDOG: Final = StopCause(207)
+
+SCRIPT_PROTECTIVE_STOP: Final = StopCause.of("script_protective_stop")
+READ_ONLY_SOCKET: Final = code_of("read_only_socket")[0]
+BUSY_PROTECTIVE_STOP: Final = StopCause.of("busy_program")
+RTDE_WATCHDOG: Final = StopCause.of("rtde_watchdog")
 
 # Ramp of a program's time when it starts. Measured: target speeds of a UR3 and a UR5 that start a program with a movel
 # (el-Lennard/Robotik, Modularbeit/Aufgabe4 and Modularbeit Code/A2_movel.csv: a t (t / 0.16 s)^2 / 2 in each of 20

@@ -6,8 +6,8 @@ resistor, not stored. The parameters fit three recordings of real arms at rest: 
 ZhizhuoUp/RTDE_Python_Client_Library_Zhizhuo). An ideal arm has constant voltages, a dynamic arm those of its series,
 with their noise (``urproto.robots.measured``).
 
-Early simulators instead report twice the sum of the joints' currents: recordings of a UR5 and a UR10 at rest agree on
-that in all digits. Later ones report no current at all; the emulator does not copy that.
+A simulator measures nothing: its constant temperatures and what it reports as voltages and current are in the ledger of
+facts.
 """
 
 from math import exp
@@ -17,6 +17,7 @@ from typing import Final
 
 from emulator.robot.arm import CURRENT_WINDOW_A, Arm
 from emulator.snapshot import Snapshot
+from urproto.facts import Personality, Situation, find
 from urproto.robots.measured import Supply
 from urproto.vectors import ZERO6, Vector6, as_six
 
@@ -33,21 +34,20 @@ _MOTOR_RISE_K_A2: Final[Vector6] = (0.04, 0.04, 0.04, 0.5, 0.5, 0.5)
 _FRICTION_RISE_K_W: Final = 0.2
 _TOOL_RISE_K: Final = 6.0
 _BOX_RISE_K: Final = 13.0  # always on
-_EARLY_JOINT_C: Final = 40.0
-_EARLY_BOX_C: Final = 30.0
 
 
 class Thermals:
-    """Temperatures [degC]. A controller starts cold; the temperatures of an ``early_simulator`` are constant."""
+    """Temperatures [degC]. A controller starts cold; the temperatures of a simulator are constant."""
 
-    def __init__(self, *, early_simulator: bool = False) -> None:
+    def __init__(self, situation: Situation) -> None:
         self.joints: Vector6 = (ROOM_C,) * 6
         self.tool = ROOM_C
         self.box = ROOM_C
         self._elapsed_s = 0.0
-        self._constant = early_simulator
-        if early_simulator:
-            self.joints, self.tool, self.box = (_EARLY_JOINT_C,) * 6, 0.0, _EARLY_BOX_C
+        self._constant = situation.personality is Personality.URSIM
+        if self._constant:
+            self.joints = find("joint_temperatures", situation).six
+            self.tool, self.box = (find(name, situation).number for name in ("tool_temperature", "board_temperature"))
 
     def advance(self, current: Vector6, period_s: float, *, powered: bool, friction_W: Vector6 = ZERO6) -> bool:
         """Advance one control period with these joint currents [A] and this heat of friction [W].
@@ -81,29 +81,31 @@ def _approach6(temperatures: Vector6, rises: Vector6) -> Vector6:
     return (a, b, c, d, e, f)
 
 
-_RAIL_V: Final = 48.0  # robot supply, user manual
 # Measured at rest (see above): 0.681, 0.751 and 0.549 A with joint currents of 14.8, 31.3 and 0.1 A2 in all; joints
 # 0.14, 0.16 and 0.23 V below the supply
 _STANDBY_A: Final = 0.56  # control electronics of a powered arm
 _LOSS_OHM: Final = 0.31  # per joint, motor and drive
 _CABLE_OHM: Final = 0.25  # from the supply to the joints
-_EARLY_SHARE: Final = 2.0  # of the sum of the joints' currents
+_RULES: Final = ("measured", "zero", "twice")  # how values are reported, in the ledger
 
 
 class Electrics:
     """Supply current, energy and temperatures, derived from the joint currents.
 
-    early_simulator: like simulators before 3.10 and 5.4. supply: a real arm's, with noise from this ``seed``.
+    situation: whose values are reported. supply: a real arm's, with noise from this ``seed``.
     """
 
-    def __init__(self, supply: Supply | None = None, seed: int = 0, *, early_simulator: bool = False) -> None:
-        self._early_simulator = early_simulator
+    def __init__(self, situation: Situation, supply: Supply | None = None, seed: int = 0) -> None:
+        self._main_V, self._robot_V = (find(name, situation).number for name in ("main_voltage", "robot_voltage"))
+        self._current, self._joint_voltages, self._tool_voltage = (
+            _rule(name, situation) for name in ("robot_current", "joint_voltages", "tool_voltage")
+        )
         self._supply = supply
         self._chance = Random(f"supply {seed}")  # separate from the noise of currents
         self.robot_current_A = 0.0
         self.energy_J = 0.0
         self.braking_energy_J = 0.0
-        self.thermals = Thermals(early_simulator=early_simulator)
+        self.thermals = Thermals(situation)
         self._braking_W = 0.0
         self._news = True  # a value that is published only when it changes has changed
 
@@ -112,7 +114,7 @@ class Electrics:
         if changed:
             self._draw(arm, powered)
         if powered:
-            self.energy_J += _RAIL_V * self.robot_current_A * period_s
+            self.energy_J += self._robot_V * self.robot_current_A * period_s
             self.braking_energy_J += self._braking_W * period_s
         if self.thermals.advance(arm.actual_current, period_s, powered=powered, friction_W=arm.friction_W):
             self._news = True
@@ -131,10 +133,12 @@ class Electrics:
             return
         self._news = False
         if self._supply is None:
-            snapshot.actual_main_voltage = _RAIL_V
-            snapshot.actual_robot_voltage = _RAIL_V if powered else 0.0
-            snapshot.actual_robot_current = self.robot_current_A
-            snapshot.actual_joint_voltage = (self._joint_voltage(_RAIL_V),) * 6 if powered else ZERO6
+            robot_V = self._robot_V if powered else 0.0
+            snapshot.actual_main_voltage, snapshot.actual_robot_voltage = self._main_V, robot_V
+            snapshot.actual_robot_current = 0.0 if self._current == "zero" else self.robot_current_A
+            joints_V = self._joint_voltage(robot_V) if powered and self._joint_voltages == "measured" else 0.0
+            snapshot.actual_joint_voltage = (joints_V,) * 6
+            snapshot.tool_board_voltage = robot_V if self._tool_voltage == "measured" else 0.0
         snapshot.actual_current_window = CURRENT_WINDOW_A
         snapshot.joint_temperatures = self.thermals.joints
         snapshot.tool_temperature = self.thermals.tool
@@ -146,10 +150,11 @@ class Electrics:
         snapshot.actual_main_voltage = gauss(supply.main_V, supply.main_noise_V)
         if not powered:
             snapshot.actual_robot_voltage = snapshot.actual_robot_current = 0.0
-            snapshot.actual_joint_voltage = ZERO6
+            snapshot.tool_board_voltage, snapshot.actual_joint_voltage = 0.0, ZERO6
             return
         snapshot.actual_robot_voltage = gauss(supply.robot_V, supply.robot_noise_V)
         snapshot.actual_robot_current = gauss(self.robot_current_A, supply.current_noise_A)
+        snapshot.tool_board_voltage = snapshot.actual_robot_voltage
         joints = self._joint_voltage(supply.robot_V)
         snapshot.actual_joint_voltage = as_six(gauss(joints, supply.joint_noise_V) for _ in range(6))
 
@@ -161,11 +166,19 @@ class Electrics:
         self._braking_W = max(0.0, -power_W)
         if not powered:
             self.robot_current_A = 0.0
-        elif self._early_simulator:
-            self.robot_current_A = _EARLY_SHARE * sum(map(abs, arm.actual_current))
+        elif self._current == "twice":
+            self.robot_current_A = 2.0 * sum(map(abs, arm.actual_current))
         else:
-            self.robot_current_A = _STANDBY_A + max(0.0, power_W) / _RAIL_V
+            self.robot_current_A = _STANDBY_A + max(0.0, power_W) / self._robot_V
         self._news = True
+
+
+def _rule(name: str, situation: Situation) -> str:
+    """How a value is reported. Raises ValueError for a rule that is not known here."""
+    fact = find(name, situation)
+    if fact.value not in _RULES:
+        raise ValueError(f"{fact.table}.csv: {name} is {fact.value!r}, which is none of {', '.join(_RULES)}")
+    return fact.value
 
 
 def _joint_power(arm: Arm) -> float:

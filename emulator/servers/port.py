@@ -19,6 +19,7 @@ from emulator.servers.hooks import Hooks
 from emulator.servers.read_budget import ReadBudget
 from emulator.servers.send_scheduler import SendScheduler
 from emulator.snapshot import Snapshot
+from urproto.facts import Situation
 from urproto.versions import PolyscopeVersion
 
 _BACKLOG: Final = 128
@@ -34,6 +35,9 @@ class ServedController(Protocol):
 
     @property
     def version(self) -> PolyscopeVersion: ...
+
+    @property
+    def situation(self) -> Situation: ...
 
     @property
     def snapshot(self) -> Snapshot: ...

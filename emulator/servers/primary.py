@@ -1,7 +1,7 @@
 """Primary, secondary and realtime client interfaces (TCP 30001 to 30003, read-only 30011 to 30013).
 
-A client of the primary or secondary interface gets the version message immediately, on e-Series followed by a short
-message of an undocumented kind, as captured. No state is sent with it, because some clients take their first read for
+A client of the primary or secondary interface gets the version message immediately, followed by a short message of
+an undocumented kind, as captured. No state is sent with it, because some clients take their first read for
 one message. After that the client gets ten robot states per second, the first of them full, counted from its connection
 and not from a clock of the controller: the last message of 692 programs of a real UR10e arrived 0 to 20 ms after a
 multiple of 100 ms since the client had connected (pharmbio/robotlab, cellpainter/estimates.jsonl).
@@ -12,6 +12,7 @@ between the two.
 """
 
 import logging
+import struct
 from collections.abc import Callable
 from typing import Final
 
@@ -23,9 +24,9 @@ from emulator.servers.port import PortServer, ServedController
 from emulator.servers.program_state import ProgramReporter
 from emulator.servers.send_scheduler import StateFeed
 from emulator.snapshot import Snapshot
+from urproto.facts import Situation, known, release_of
 from urproto.primary.messages import NO_TIMESTAMP_US, UnknownMessage, VersionMessage
 from urproto.realtime import realtime_packer
-from urproto.versions import Availability
 from urscript.splitter import ScriptSplitter, Unit
 
 _logger = logging.getLogger(__name__)
@@ -116,11 +117,19 @@ _STATES_PER_S: Final = 10  # client interface manual
 _PHASES: Final = 10
 """Clients that connect within the same hundredth of a second share their states, so that the cost of encoding them does
 not grow with the number of clients."""
-# As captured from 5.4 (a simulator), 5.11 and 5.13 (vendor's forum, threads 21643 and 27359). It is a guess that later
-# versions send it too. A 3.10 arm sent other content, which has no meaning here, so CB3 controllers do not send it.
-_AFTER_VERSION: Final = UnknownMessage(timestamp_us=NO_TIMESTAMP_US, message_kind=12, body=bytes(8) + b"\1")
-_HAS_AFTER_VERSION: Final = Availability.since(None, "5.4")
-_BUILD_DATE: Final = "20-06-2022, 00:00:00"  # date of 3.15.8; all other versions send the same (guess)
+_AFTER_VERSION: Final = struct.Struct(">iiB")  # body of the undocumented message of kind 12
+
+
+def greeting(situation: Situation) -> bytes:
+    """What a new client gets first: the version message, and the undocumented message in versions that send it."""
+    version = situation.version
+    release = release_of(version)
+    data = VersionMessage.of(version, release.message_date, release.control_build.integer).encode(version)
+    twelve = known("message_twelve", situation)
+    if twelve is None:
+        return data
+    body = _AFTER_VERSION.pack(*map(int, twelve.numbers))
+    return data + UnknownMessage(timestamp_us=NO_TIMESTAMP_US, message_kind=12, body=body).encode(version)
 
 
 class _PrimaryConnection(ScriptConnection):
@@ -173,9 +182,7 @@ class PrimaryServer(PortServer):
         self._read_only = read_only
         self._phases = [_Phase(reporter() if reporter is not None else None) for _ in range(_PHASES)]
         self._slot = 0
-        self._greeting = VersionMessage.of(controller.version, _BUILD_DATE).encode(controller.version)
-        if _HAS_AFTER_VERSION.covers(controller.version):
-            self._greeting += _AFTER_VERSION.encode(controller.version)
+        self._greeting = greeting(controller.situation)
 
     def connect(self) -> Connection:
         return _PrimaryConnection(self, read_only=self._read_only)

@@ -188,7 +188,7 @@ def _tool(snapshot: Snapshot) -> ToolData:
         analog_input_range1=types >> 1 & 1,
         analog_input0=snapshot.tool_analog_input0,
         analog_input1=snapshot.tool_analog_input1,
-        tool_voltage_48V=snapshot.actual_robot_voltage,
+        tool_voltage_48V=snapshot.tool_board_voltage,
         tool_output_voltage=snapshot.tool_output_voltage,
         tool_current=snapshot.tool_output_current,
         tool_temperature=snapshot.tool_temperature,

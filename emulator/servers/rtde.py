@@ -17,6 +17,7 @@ from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
 from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession, SessionState
 from emulator.snapshot import Snapshot
+from urproto.facts import rows
 from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage
 
 if TYPE_CHECKING:
@@ -24,9 +25,7 @@ if TYPE_CHECKING:
 
 
 _logger = logging.getLogger(__name__)
-# After this long with full buffers, of real time. The report gives the sum of this and of the time that filling takes,
-# which depends on the recipe: about 10 s in all. The share is a guess.
-_UNREAD_S: Final = 5.0
+_UNREAD_S: Final = rows("rtde.unread")[0].number  # of real time, with full buffers
 _INPUTS_PER_PERIOD: Final = 16  # input packages of one client in a control period (guess; clients send one)
 
 
@@ -35,7 +34,7 @@ class RTDEServer(PortServer):
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("rtde", controller)
-        self.host = RTDEHost(controller.version, lambda: self.controller.snapshot.switched_on)
+        self.host = RTDEHost(controller.version, lambda: self.controller.snapshot)
         self.started: dict[_RTDEConnection, None] = {}  # clients that get output packages, in order
 
     def connect(self) -> Connection:
@@ -89,6 +88,10 @@ class _RTDEConnection(Connection):
                 now_s - self._full_since_s,
             )
             self.abort()
+
+    def opened(self) -> None:
+        for reply in self.session.greeting():
+            self._reply(reply)
 
     def received(self, data: bytes) -> None:
         for package in self._decoder.feed(data):

@@ -15,12 +15,14 @@ closed.
 """
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from enum import Enum
 from functools import lru_cache
 from typing import Any, Final
 
 from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
+from urproto.facts import release_of, rows
 from urproto.rtde.codec import (
     KNOWN_PROTOCOLS,
     ClientMessage,
@@ -58,8 +60,7 @@ _MAX_NAMES: Final = _MAX_NAME_BYTES // 2
 _MAX_INPUT_RECIPES: Final = 255  # the id is one byte, 0 means refused
 _OUTPUT_RECIPE: Final = 1
 _REFUSED: Final = 0
-# The official C++ client receives it before the answer to its next request; the words around the quotation are a guess
-_UNCONFIRMED: Final = "SafetySetup has not been confirmed yet: switch the arm on first"
+_UNCONFIRMED: Final = rows("safety_setup.unconfirmed")[0].value
 _SOURCE: Final = "RTDE"  # of the controller's text messages (guess)
 
 
@@ -119,13 +120,14 @@ class Reservations:
 class RTDEHost:
     """The data that all sessions of one controller share: its variables, its protocol versions, and the reservations.
 
-    switched_on: returns whether the arm has been switched on since the controller started; until then PolyScope X
-    warns each client.
+    snapshot: returns the last snapshot of the controller.
     """
 
-    def __init__(self, version: PolyscopeVersion, switched_on: Callable[[], bool] = lambda: True) -> None:
+    def __init__(self, version: PolyscopeVersion, snapshot: Callable[[], Snapshot] = Snapshot) -> None:
         self.version = version
-        self._switched_on = switched_on
+        # with the build of URControl, as in the version message: 5.16.0.0 in a log of a public client
+        self.control_version = replace(version, build=release_of(version).control_build.integer)
+        self._snapshot = snapshot
         self.outputs = available_fields(OUTPUT_FIELDS, version)
         self.inputs = available_fields(INPUT_FIELDS, version)
         self.protocols: Collection[int] = KNOWN_PROTOCOLS
@@ -134,9 +136,14 @@ class RTDEHost:
         self._hidden: set[str] = set()
 
     @property
-    def safety_confirmed(self) -> bool:
-        """Whether clients need no warning that the safety settings have not been confirmed."""
-        return not self.version.is_polyscope_x or self._switched_on()
+    def unconfirmed(self) -> bool:
+        """Whether the safety setup has not been confirmed: no data is sent until then."""
+        return not self._snapshot().safety_confirmed
+
+    @property
+    def never_on(self) -> bool:
+        """Whether PolyScope X warns of that because the arm has never been on (official C++ client); it sends data."""
+        return self.version.is_polyscope_x and not self._snapshot().switched_on
 
     def hide(self, name: str, hidden: bool) -> None:
         """Make recipes with a variable fail as if it did not exist (``hidden``), or make it available again."""
@@ -195,6 +202,14 @@ class RTDESession:
         except RemoteProtocolError as error:
             return _warning(f"ignored: {error}")
 
+    def greeting(self) -> list[Reply]:
+        """What a client gets before it has sent anything: a warning until the safety setup is confirmed.
+
+        The official driver received it instead of its first answer, in the form of protocol 1 (Universal_Robots_ROS2_
+        Driver issue 349); clients that take it for that answer believe that the controller has version 0.
+        """
+        return [_warning(_UNCONFIRMED)] if self._host.unconfirmed or self._host.never_on else []
+
     def answer(self, request: Request) -> list[Reply]:
         """Carry out a request and return the answers in order."""
         return _HANDLERS[type(request)](self, request)
@@ -206,11 +221,10 @@ class RTDESession:
         if accepted and request.version != self.protocol:
             self.protocol = request.version
             self._renew_packer()
-        answer: list[Reply] = [ProtocolReply(accepted)]
-        return answer if self._host.safety_confirmed else [*answer, _warning(_UNCONFIRMED)]
+        return [ProtocolReply(accepted)]
 
     def _get_version(self, request: GetVersion) -> list[Reply]:
-        return [VersionReply(self._host.version)]
+        return [VersionReply(self._host.control_version)]
 
     def _setup_outputs(self, request: SetupOutputs) -> list[Reply]:
         types = self._types(request.names, self._host.outputs)
@@ -241,6 +255,8 @@ class RTDESession:
         return [SetupInputsReply(types, recipe_id)]
 
     def _start(self, request: Start) -> list[Reply]:
+        if self._host.unconfirmed:
+            return [_warning(_UNCONFIRMED), StartReply(False)]
         self._event(SessionEvent.START)
         # the first package is sent one period of the requested rate later than the answer, so that a client that reads
         # the answer immediately does not receive data in the same read

@@ -16,8 +16,11 @@ import pytest
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.robot.electrics import ROOM_C, Thermals
 from emulator.snapshot import Snapshot
+from urproto import facts
+from urproto.facts import Personality
 from urproto.modes import JointMode, RobotMode, RuntimeState, SafetyMode, SafetyStatus, ToolMode
 from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.versions import PolyscopeVersion
 
 Make = Callable[..., Any]
 Seen = tuple[Snapshot, Snapshot]
@@ -64,7 +67,7 @@ def a_second_passes(make: Make) -> Seen:
 
 
 def the_arm_is_switched_on(make: Make) -> Seen:
-    rig = make("ur5e", "5.26")
+    rig = make("ur5e", "5.26", personality=Personality.ARM)
     before = rig.tick()
     rig.request("brake release")
     return before, rig.until(lambda now: now.robot_mode is RobotMode.RUNNING)
@@ -160,7 +163,8 @@ def signals_come_in(make: Make) -> Seen:
 
 
 def powered_rig(make: Make, **config: Any) -> Any:
-    return make("ur5e", "5.26", running=True, **config)
+    """An arm with the properties of a real one: a simulator measures neither voltages nor temperatures."""
+    return make("ur5e", "5.26", running=True, personality=Personality.ARM, **config)
 
 
 def differs(before: Any, after: Any) -> bool:
@@ -331,7 +335,7 @@ def test_the_base_carries_the_weight_of_arm_and_payload(make: Make) -> None:
 
 
 def test_joints_warm_up_to_recorded_temperatures_and_cool_down_when_off() -> None:
-    thermals = Thermals()
+    thermals = Thermals(facts.Situation(PolyscopeVersion(3, 15), "ur5", Personality.ARM))
     holding = (0.30, 6.02, 3.92, 0.41, -0.10, 0.08)  # A, of the captured arm
     for _ in range(6 * 3600):
         thermals.advance(holding, 1.0, powered=True)

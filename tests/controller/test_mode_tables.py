@@ -12,14 +12,16 @@ from emulator.lifecycle.safety import SAFETY_TABLE, Safety, SafetyEvent
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, SafetyStatus, SafetyStatusBits
 
 POWER = """
-                    POWER_ON  BRAKE_RELEASE  POWER_OFF  TIMEOUT
-CONTROLLER_BOOTING  .         .              .          OFF
-OFF                 BOOTING   BOOTING        .          .
-BOOTING             .         .              OFF        POWERED
-POWERED             .         .              OFF        IDLE
-IDLE                .         RELEASING      OFF        .
-RELEASING           .         .              OFF        RUNNING
-RUNNING             .         .              OFF        .
+                    POWER_ON  BRAKE_RELEASE  POWER_OFF  CONFIRM  TIMEOUT
+DISCONNECTED        .         .              .          .        CONTROLLER_BOOTING
+CONTROLLER_BOOTING  .         .              .          .        OFF
+UNCONFIRMED         BOOTING   BOOTING        .          OFF      OFF
+OFF                 BOOTING   BOOTING        .          .        .
+BOOTING             .         .              OFF        .        POWERED
+POWERED             .         .              OFF        .        IDLE
+IDLE                .         RELEASING      OFF        .        .
+RELEASING           .         .              OFF        .        RUNNING
+RUNNING             .         .              OFF        .        .
 """
 
 RUN = """

@@ -7,6 +7,7 @@ import pytest
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.motion.reach import dexterity
 from emulator.servers.primary_state import configuration_data, kinematics_info, robot_state
+from urproto.facts import Personality
 from urproto.modes import ControlMode, RobotMode, SafetyMode
 from urproto.primary.state import decode_robot_state, encode_robot_state
 from urproto.robots import MODELS, load_model
@@ -126,7 +127,7 @@ def test_selector_and_enabling_device_match_recordings_of_each_series(make, mode
 
 
 def test_temperatures_are_in_the_state(make):
-    rig = make("ur3", running=True)
+    rig = make("ur3", running=True, personality=Personality.ARM)
     state = robot_state(rig.seconds(30.0), rig.controller.model)
     assert tuple(joint.motor_temperature for joint in state.joints.joints) == rig.now.joint_temperatures
     assert state.tool.tool_temperature == rig.now.tool_temperature > 24.0

@@ -8,6 +8,7 @@ from emulator.mailbox import Command
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer
 from emulator.snapshot import Snapshot
+from urproto.facts import Situation
 from urproto.versions import PolyscopeVersion
 
 CB3 = PolyscopeVersion(3, 15, 8, 106339)
@@ -21,6 +22,7 @@ class FakeController:
         self, version: PolyscopeVersion = CB3, answer: Callable[[Command], Any] = lambda command: None
     ) -> None:
         self.version = version
+        self.situation = Situation(version)
         self.snapshot = Snapshot(step=5125, timestamp=41.0)
         self.commands: list[Command] = []
         self._answer = answer

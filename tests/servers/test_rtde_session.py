@@ -76,7 +76,10 @@ def test_protocol_versions(host: RTDEHost, version: int, accepted: bool) -> None
 
 
 def test_controller_version(client: Conversation) -> None:
-    assert client.request(GetVersion()) == [VersionReply(CB3)]
+    """The build is that of URControl, 0 in late versions: a public client logs "URControl 5.16.0.0"."""
+    assert client.request(GetVersion()) == [VersionReply(PolyscopeVersion(3, 15, 8))]
+    early = Conversation(RTDEHost(PolyscopeVersion(3, 3, 4, 310)))  # a UR10's log has URControl 3.3.4.208 next to it
+    assert early.request(GetVersion()) == [VersionReply(PolyscopeVersion(3, 3, 4, 208))]
 
 
 def test_outputs_flow_between_start_and_pause(client: Conversation) -> None:
@@ -169,16 +172,32 @@ def test_e_series_has_more_outputs() -> None:
 
 
 def test_polyscope_x_warns_each_client_until_the_arm_was_switched_on() -> None:
-    """The C++ client's loop that asks for the version expects it there: "SafetySetup has not been confirmed yet"."""
-    switched_on = False
-    host = RTDEHost(PolyscopeVersion.parse("10.12"), lambda: switched_on)
+    """The C++ client expects it before the answer to any request: "SafetySetup has not been confirmed yet"."""
+    snapshot = Snapshot()
+    host = RTDEHost(PolyscopeVersion.parse("10.12"), lambda: snapshot)
     for _ in range(2):
-        accepted, warning = Conversation(host, protocol=1).request(RequestProtocol(2))
-        assert accepted == ProtocolReply(True)
+        client = Conversation(host, protocol=1)
+        (warning,) = client.session.greeting()
         assert "SafetySetup has not been confirmed yet" in warning.text
-    switched_on = True
-    assert Conversation(host, protocol=1).request(RequestProtocol(2)) == [ProtocolReply(True)]
-    assert Conversation(RTDEHost(E_SERIES), protocol=1).request(RequestProtocol(2)) == [ProtocolReply(True)]
+        assert client.request(RequestProtocol(2)) == [ProtocolReply(True)]
+    snapshot.switched_on = True
+    assert Conversation(host).session.greeting() == []
+    assert Conversation(RTDEHost(E_SERIES)).session.greeting() == []
+
+
+def test_no_data_is_sent_until_the_safety_setup_is_confirmed() -> None:
+    """The text of Universal_Robots_ROS2_Driver issue 349, level WARNING (a recording of URSim 5.25.2)."""
+    snapshot = Snapshot()
+    snapshot.safety_confirmed = False
+    client = Conversation(RTDEHost(E_SERIES, lambda: snapshot))
+    (warning,) = client.session.greeting()
+    assert warning.encode(1)[3:] == b"\2SafetySetup has not been confirmed yet, therefore no data will be send yet"
+    assert client.request(SetupOutputs(("timestamp",), 125.0)) == [SetupOutputsReply(("DOUBLE",), 1)]
+    assert client.request(Start()) == [warning, StartReply(False)]
+    assert client.packages(2) == [None, None]
+    snapshot.safety_confirmed = True
+    assert client.request(Start()) == [StartReply(True)]
+    assert client.session.greeting() == []
 
 
 def test_a_new_output_recipe_replaces_the_old_one(client: Conversation) -> None:

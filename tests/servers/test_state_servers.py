@@ -20,7 +20,7 @@ from emulator.servers.rtde import RTDEServer
 from emulator.snapshot import Snapshot
 from urproto.modes import SafetyMode
 from urproto.primary.framing import PrimaryDecoder
-from urproto.primary.messages import SafetyModeMessage, TextMessage, VersionMessage
+from urproto.primary.messages import SafetyModeMessage, TextMessage, UnknownMessage, VersionMessage
 from urproto.primary.state import RobotStateData, encode_robot_state
 from urproto.realtime import RealtimeDecoder
 from urproto.robots import load_model
@@ -192,22 +192,26 @@ def received(client: MemoryClient) -> list[Any]:
 
 def test_version_message_comes_first_and_alone(controller: FakeController) -> None:
     client = MemoryClient(primary_server(controller))
-    (version,) = received(client)
+    version, twelve = received(client)
     assert isinstance(version, VersionMessage)
+    assert isinstance(twelve, UnknownMessage)
     assert (version.major, version.minor, version.bugfix) == (3, 15, 8)
 
 
-# as dumped in the vendor's forum, threads 21643 (5.11) and 27359 (5.13), and from a 5.4 simulator in connect_5.4.hex
+# as dumped in the vendor's forum, threads 21643 (5.11) and 27359 (5.13), and from a 5.4 simulator in connect_5.4.hex;
+# its size on CB3: forum thread 380 (3.3.1), python-urx issue 65 (3.5.3), connect_3.10.hex
 AFTER_VERSION = bytes.fromhex("00000018 14 ffffffffffffffff fe 0c 00000000 00000000 01")
 
 
 @pytest.mark.parametrize(
-    ("version", "behind"), [("3.15.8", b""), ("5.11.11", AFTER_VERSION), ("5.25.1", AFTER_VERSION)]
+    ("version", "behind"),
+    [("3.2", b""), ("3.15.8", AFTER_VERSION), ("5.0.5", AFTER_VERSION), ("5.11.11", AFTER_VERSION)],
 )
 def test_messages_after_the_version_message(version: str, behind: bytes) -> None:
     greeting = MemoryClient(primary_server(FakeController(PolyscopeVersion.parse(version)))).take()
-    assert greeting[:5] == bytes.fromhex("00000037 14")
-    assert greeting[55:] == behind
+    size = 56 if version == "3.2" else 55  # the older form of the date is a byte longer
+    assert greeting[:5] == bytes([0, 0, 0, size, 0x14])
+    assert greeting[size:] == behind
 
 
 def test_states_at_10_hz_starting_with_a_full_one(controller: FakeController) -> None:
@@ -287,7 +291,7 @@ def test_a_new_safety_mode_comes_with_a_state_that_shows_it(controller: FakeCont
 def test_secondary_clients_get_no_messages(controller: FakeController) -> None:
     client = MemoryClient(primary_server(controller, messages=False))
     controller.tick(14, messages=(TextMessage(timestamp_us=1, text="hello"),))
-    assert [type(message) for message in received(client)] == [VersionMessage, RobotStateData]
+    assert [type(message) for message in received(client)] == [VersionMessage, UnknownMessage, RobotStateData]
 
 
 def test_unread_messages_but_not_states_drop_a_primary_client(controller: FakeController) -> None:

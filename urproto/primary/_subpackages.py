@@ -3,8 +3,9 @@
 Newer versions only append to the bodies. Each dataclass therefore lists the fields of its oldest form in ``_layout``,
 and later fields with their first versions in ``_later``. Decoding relies on the size alone.
 
-Sources of the sizes: captures of a 5.4, an early 5.x and a 5.24 simulator and of a late CB3 arm; the rest is from the
-vendor's client interface documents as interpreted by several public clients.
+First versions, with their sources, are rows of ``urproto/facts/primary.csv``. The layouts: captures of a 5.4, an early
+5.x and a 5.24 simulator and of a late CB3 arm; the rest is from the vendor's client interface documents as interpreted
+by several public clients.
 """
 
 import struct
@@ -15,6 +16,7 @@ from typing import Any, ClassVar
 
 from urproto._wire import Reader, pack
 from urproto.compat import Self
+from urproto.facts import availability
 from urproto.modes import (
     ControlMode,
     JointMode,
@@ -32,10 +34,6 @@ from urproto.versions import Availability, PolyscopeVersion
 Layout = tuple[tuple[str, str], ...]
 
 _ALWAYS = Availability.since("3.0", "5.0")
-_FROM_3_2 = Availability.since("3.2", "5.0")
-_FROM_3_3 = Availability.since("3.3", "5.0")
-_FROM_3_5 = Availability.since("3.5", "5.0")
-_ONLY_E = Availability.since(None, "5.0")
 _JOINTS = 6
 
 
@@ -108,8 +106,8 @@ class ModeData(SubPackage):
         ("speed_scaling", "d"),
     )
     _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = (
-        (_FROM_3_2, (("target_speed_fraction_limit", "d"),)),
-        (_FROM_3_5, (("reserved", "B"),)),
+        (availability("primary.mode.speed_limit"), (("target_speed_fraction_limit", "d"),)),
+        (availability("primary.mode.reserved"), (("reserved", "B"),)),
     )
 
     timestamp_us: int
@@ -230,8 +228,11 @@ class MasterboardData(SubPackage):
     )
     _tail: ClassVar[tuple[tuple[Availability, Layout], ...]] = (
         (_ALWAYS, (("safety_checksum", "I"),)),
-        (_FROM_3_2, (("operational_mode_selector", "B"), ("three_position_device", "B"))),
-        (_FROM_3_5, (("internal", "B"),)),  # a late CB3 capture has it; the first version is a guess
+        (
+            availability("primary.masterboard.selectors"),
+            (("operational_mode_selector", "B"), ("three_position_device", "B")),
+        ),
+        (availability("primary.masterboard.internal"), (("internal", "B"),)),
     )
 
     digital_input_bits: int = 0
@@ -282,7 +283,9 @@ class CartesianInfo(SubPackage):
 
     type: ClassVar[int] = 4
     _layout: ClassVar[Layout] = (("pose_base_tcp", "6d"),)
-    _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = ((_FROM_3_2, (("tcp_offset", "6d"),)),)
+    _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = (
+        (availability("primary.cartesian.tcp_offset"), (("tcp_offset", "6d"),)),
+    )
 
     pose_base_tcp: Vector6
     tcp_offset: Vector6 = ZERO6
@@ -297,7 +300,7 @@ class KinematicsInfo(SubPackage):
     """
 
     type: ClassVar[int] = 5
-    available: ClassVar[Availability] = Availability.since("3.6", "5.0")
+    available: ClassVar[Availability] = availability("primary.kinematics")
     _layout: ClassVar[Layout] = (
         ("checksum", "6I"),
         ("dh_theta", "6d"),
@@ -404,11 +407,11 @@ class AdditionalInfo(SubPackage):
     """Freedrive button and its permission. reserved is 1 in every capture."""
 
     type: ClassVar[int] = 8
-    available: ClassVar[Availability] = _FROM_3_2
+    available: ClassVar[Availability] = availability("primary.additional")
     _layout: ClassVar[Layout] = (("freedrive_button_pressed", "?"), ("freedrive_button_enabled", "?"))
     _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = (
-        (_FROM_3_3, (("io_enabled_freedrive", "?"),)),
-        (_FROM_3_5, (("reserved", "B"),)),  # a late CB3 capture has it; the first version is a guess
+        (availability("primary.additional.io_freedrive"), (("io_enabled_freedrive", "?"),)),
+        (availability("primary.additional.reserved"), (("reserved", "B"),)),
     )
 
     freedrive_button_pressed: bool = False
@@ -432,7 +435,7 @@ class SafetyData(SubPackage):
     """Internal: elbow in the base frame [m] and a checksum. All names are guesses."""
 
     type: ClassVar[int] = 10
-    available: ClassVar[Availability] = _FROM_3_5  # in a late CB3 capture; the first version is a guess
+    available: ClassVar[Availability] = availability("primary.safety")
     _layout: ClassVar[Layout] = (
         ("checksum", "I"),
         ("flag0", "B"),
@@ -453,7 +456,7 @@ class ToolCommunicationInfo(SubPackage):
     """Serial line at the tool connector (e-Series); the defaults are those of a simulator."""
 
     type: ClassVar[int] = 11
-    available: ClassVar[Availability] = _ONLY_E
+    available: ClassVar[Availability] = availability("primary.tool_communication")
     _layout: ClassVar[Layout] = (
         ("enabled", "?"),
         ("baud_rate", "i"),
@@ -476,7 +479,7 @@ class ToolModeInfo(SubPackage):
     """Use of the tool output pins (e-Series)."""
 
     type: ClassVar[int] = 12
-    available: ClassVar[Availability] = _ONLY_E
+    available: ClassVar[Availability] = availability("primary.tool_mode")
     _layout: ClassVar[Layout] = (
         ("output_mode", "B"),
         ("digital_output0_mode", "B"),
@@ -496,7 +499,7 @@ class SingularityInfo(SubPackage):
     """
 
     type: ClassVar[int] = 13
-    available: ClassVar[Availability] = Availability.since(None, "5.9")
+    available: ClassVar[Availability] = availability("primary.singularity")
     _layout: ClassVar[Layout] = (("severity", "B"), ("kind", "B"))
 
     severity: int

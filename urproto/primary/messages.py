@@ -15,10 +15,11 @@ from typing import Any, ClassVar
 from urproto._wire import Reader, pack, short_text
 from urproto.compat import Self
 from urproto.errors import RemoteProtocolError
+from urproto.facts import availability
 from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType
 from urproto.primary._wire import ROBOT_MESSAGE, frame
 from urproto.text import from_bytes, to_bytes
-from urproto.versions import Availability, PolyscopeVersion
+from urproto.versions import PolyscopeVersion
 
 # Titles of the key messages about a program; its name is the text.
 PROGRAM_STARTED = "PROGRAM_XXX_STARTED"
@@ -32,8 +33,8 @@ NO_TIMESTAMP_US = 2**64 - 1
 
 # From some 3.x on, popups have a request id and type, and are sent as request value messages of no type. A note in the
 # vendor's document of 5.9 says so, and two public clients that show an arm's popups read them there (one of them first
-# searched for the documented kind 2). That both changes came with the same version, and which one, are guesses.
-_LONG_POPUP = Availability.since("3.3", "5.0")
+# searched for the documented kind 2). That both changes came with the same version is a guess.
+_LONG_POPUP = availability("primary.long_popup")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,12 +178,9 @@ class VersionMessage(RobotMessage):
     build_date: str  # for example "04-10-2025, 00:25:33"
 
     @classmethod
-    def of(cls, version: PolyscopeVersion, build_date: str) -> Self:
-        """The message sent by a controller of this version.
-
-        The build number is 0, as in every capture (3.10, 5.4, 5.11, 5.12, 5.13, 5.24).
-        """
-        return cls(major=version.major, minor=version.minor, bugfix=version.bugfix, build=0, build_date=build_date)
+    def of(cls, version: PolyscopeVersion, build_date: str, build: int = 0) -> Self:
+        """The message sent by a controller of this version; date and build number are those of its URControl."""
+        return cls(major=version.major, minor=version.minor, bugfix=version.bugfix, build=build, build_date=build_date)
 
     @property
     def version(self) -> PolyscopeVersion:

@@ -9,9 +9,10 @@ import tempfile
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from urproto.facts import Situation, find
 from urproto.robots import RobotModel
 from urproto.text import to_bytes
-from urproto.versions import PolyscopeVersion, Series
+from urproto.versions import PolyscopeVersion
 from urscript.polyscope.document import Element, make, packed
 from urscript.polyscope.editing import ProgramEditor
 from urscript.polyscope.nodes.urcaps import new_external_control
@@ -19,7 +20,6 @@ from urscript.polyscope.nodes.waypoints import kinematics_element
 from urscript.polyscope.registry import empty_children
 from urscript.polyscope.tree import TreeError
 
-_SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}  # as reported by simulators
 _PROGRAM_VERSIONS: Final = PolyscopeVersion(5, 13)  # first version that writes the version of the file format (seen)
 _PROGRAM_VERSION: Final = "2"
 _INDENT: Final = "  "
@@ -50,7 +50,7 @@ def new_program(
         "directory": directory,
         "createdIn": shown,
         "lastSavedIn": shown,
-        "robotSerialNumber": _SERIAL_NUMBERS[model.series],
+        "robotSerialNumber": find("serial_number", Situation(version, model.name)).value,
     }
     if version >= _PROGRAM_VERSIONS:
         attributes["createdInPolyscopeProgramVersion"] = _PROGRAM_VERSION
