@@ -124,6 +124,31 @@ def test_an_rtde_client_that_pauses_reading_gets_the_newest_state(rtde: RTDEServ
     assert [struct.unpack(">d", reply.data)[0] for reply in replies(slow)] == pytest.approx([41.016, 41.416])
 
 
+def test_an_rtde_client_that_never_reads_is_disconnected(
+    rtde: RTDEServer, controller: FakeController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issue 6 of the RTDE Python client: after 11 s without reading, the controller has closed the connection."""
+    now_s = 100.0
+    monkeypatch.setattr("emulator.servers.rtde.time.monotonic", lambda: now_s)
+    slow, pausing, quick = MemoryClient(rtde), MemoryClient(rtde), MemoryClient(rtde)
+    for client in (slow, pausing, quick):
+        start_outputs(client, "timestamp")
+    controller.tick()
+    slow.transport.stalled = pausing.transport.stalled = True
+    for _ in range(6):
+        controller.tick(10)
+        now_s += 1.0
+        if now_s == 104.0:
+            pausing.transport.unstall()
+            controller.tick()
+            pausing.transport.stalled = True
+    controller.tick()
+    assert not slow.connected
+    assert pausing.connected
+    assert quick.connected
+    assert len(replies(quick)) == 62  # the first period is that of the answer
+
+
 def test_rtde_impossible_size_ends_the_connection(rtde: RTDEServer) -> None:
     client, other = MemoryClient(rtde), MemoryClient(rtde)
     client.feed(RequestProtocol(2).encode(1) + b"\x00\x02V")
