@@ -407,7 +407,9 @@ class Programs:
             return
         if self._machine.motion.paused:  # a protective stop without a program
             self._machine.motion.resume()
-        if self._machine.version.series is Series.E:  # statement of the vendor; PolyScope's scripts do not call it
+        if self._machine.version.series is Series.E and self._player.made(program):
+            # A vendor's engineer, of programs that the pendant plays (ROS driver, issues 512 and 643). Their preamble
+            # sets the payload, which zeroes the sensor; a script that a client sends has no preamble (guess).
             self._machine.arm.zero_force()
         self._host = ProgramHost(self._machine, self, name=program.name)
         self._main = Runtime(program, self._host)

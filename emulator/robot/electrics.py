@@ -15,7 +15,7 @@ from operator import add, mul
 from random import Random
 from typing import Final
 
-from emulator.robot.arm import CURRENT_WINDOW_A, Arm
+from emulator.robot.arm import Arm
 from emulator.snapshot import Snapshot
 from urproto.robots.measured import Supply
 from urproto.vectors import ZERO6, Vector6, as_six
@@ -135,7 +135,6 @@ class Electrics:
             snapshot.actual_robot_voltage = _RAIL_V if powered else 0.0
             snapshot.actual_robot_current = self.robot_current_A
             snapshot.actual_joint_voltage = (self._joint_voltage(_RAIL_V),) * 6 if powered else ZERO6
-        snapshot.actual_current_window = CURRENT_WINDOW_A
         snapshot.joint_temperatures = self.thermals.joints
         snapshot.tool_temperature = self.thermals.tool
         snapshot.board_temperature = self.thermals.box
