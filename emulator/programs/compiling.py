@@ -82,7 +82,8 @@ def in_periods(steps: Steps[ResultT], period_s: float) -> Generator[None, None, 
 class Submission:
     """A text submitted by a client. ``accepted`` is None until it is decided whether it runs.
 
-    ``translation``: creates the text from a program tree. ``refusal``: reason why that failed.
+    ``translation``: creates the text from a program tree. ``refusal``: reason why that failed. ``origin``: what it is
+    and who sent it, for the log; empty if nobody has to be told that it was refused.
     """
 
     text: str
@@ -93,6 +94,7 @@ class Submission:
     error: CompileError | None = None
     translation: Steps[str] | None = None
     refusal: str = ""
+    origin: str = ""
 
     @property
     def main(self) -> bool:

@@ -44,6 +44,7 @@ _PAUSED: Final = (RuntimeState.PAUSING, RuntimeState.PAUSED)
 _RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
 _FLAGS: Final = 32  # Script Manual, set_flag
 _MAX_WARNINGS: Final = 100  # of one program, in the log
+_NOT_READY: Final = "power the arm on, release its brakes, clear any stop"
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
 
@@ -226,14 +227,14 @@ class Programs:
 
     # requests of clients
 
-    def submit(self, text: str) -> Submission:
+    def submit(self, text: str, origin: str = "") -> Submission:
         """Run a text: a ``sec`` program alongside the main one, any other program in its place.
 
         The decision is immediate if the text is short or was compiled before, otherwise it takes
         some periods, in the order of submission. A text is not accepted if it does not compile, if
-        the arm is not ready for a main program (a message gives the reason), or after a stop.
+        the arm is not ready for a main program (a message gives the reason), or after a stop. origin: see `Submission`.
         """
-        return self._compile(Submission(text, self._machine.version, self.step_hook is not None))
+        return self._compile(Submission(text, self._machine.version, self.step_hook is not None, origin=origin))
 
     def _compile(self, submission: Submission) -> Submission:
         self._machine.messages.trace("program: %s bytes to be compiled", len(submission.text))
@@ -424,7 +425,7 @@ class Programs:
         self._machine.messages.key(PROGRAM_STARTED, program.name)
 
     def _refuse(self, program: CompiledProgram) -> None:
-        self._report(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
+        self._report(f"program {program.name} was not started: {_NOT_READY}")
 
     def _run_main(self) -> None:
         main, host = self._main, self._host
@@ -457,7 +458,9 @@ class Programs:
         """Start, refuse or queue the submissions that are compiled by now."""
         while (submission := self._compiling.next()) is not None:
             program = self._compiled(submission)
-            submission.accepted = program is not None and self._accept(program)
+            submission.accepted = program is not None and self._accept(program, submission)
+            if submission.refusal and submission.origin:
+                self._machine.messages.refused(submission.origin, submission.refusal)
             self._machine.messages.trace(
                 "program: %s is %s",
                 program.name if program else "a text",
@@ -466,11 +469,12 @@ class Programs:
 
     def _compiled(self, submission: Submission) -> CompiledProgram | None:
         program, error = submission.program, submission.error
+        if submission.refusal:
+            self._report(submission.refusal)
         if error is not None:
             self._machine.messages.compile_error(error.line, error.column, error.wire)
             self._note(error.render())
-        if submission.refusal:
-            self._report(submission.refusal)
+            submission.refusal = f"line {error.line}, column {error.column}: {error.message}"
         if program is None:
             return None
         shown, rest = program.warnings[:_MAX_WARNINGS], len(program.warnings) - _MAX_WARNINGS
@@ -480,12 +484,13 @@ class Programs:
             self._note(f"{program.name}: {rest} more calls will fail when they are executed")
         return program
 
-    def _accept(self, program: CompiledProgram) -> bool:
+    def _accept(self, program: CompiledProgram, submission: Submission) -> bool:
         if program.kind == "secondary":
             self._secondary.add(program)
             return True
         if not self._machine.may_play:
             self._refuse(program)
+            submission.refusal = _NOT_READY
             return False
         self._player.drop()
         self._stop_main("replaced by another program")

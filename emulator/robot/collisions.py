@@ -13,7 +13,7 @@ from typing import Final
 from urproto.vectors import ZERO6, Vector6, as_six
 
 CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # guess
-# of its window: by how much a joint may be loaded beyond what it carried, as by friction under a tool that slides (guess)
+# of its window: by how much a joint may be loaded beyond what it carried, as by friction if the tool slides (guess)
 _FURTHER: Final = 0.5
 
 
