@@ -70,6 +70,7 @@ _TEXTS: Final[dict[int, str]] = {
     217: "A string begins with white space",
     218: "A thread used too much time",
     219: "A path offset moves too fast",
+    222: "A tracked frame moves too fast",
     271: "The program is in an infinite loop: put sync() or sleep() into loops that do not move the robot",
     309: "The keep-alive of the safety control board failed",
     400: "The elbow is close to a safety plane",
@@ -110,8 +111,10 @@ _ARGUMENTS: Final[dict[int, dict[int, str]]] = {
         4: "it did not stop in time",
         5: "the target given by the program is out of reach or not a number",
         6: "the target computed by the blend is out of reach or not a number",
-        7: "it leads through a singularity",
+        7: "a joint would accelerate too much near a singularity",
     },
+    219: {1: "joint speed", 2: "tool speed", 3: "momentum"},
+    222: {1: "joint speed", 2: "tool speed", 3: "momentum"},
 }
 _OF_JOINTS: Final = frozenset({153, 157, 158, 159, 163, 173, 174, 193, 206})  # arguments 0 to 5 are joints
 

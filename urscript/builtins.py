@@ -152,6 +152,7 @@ class Library:
         *,
         cb3: str | None = "3.0",
         e: str | None = "5.0",
+        x: str | None = "",
         status: Status = "supported",
         note: str = "",
         aliases: Mapping[str, str | tuple[str, ...]] | None = None,
@@ -160,14 +161,15 @@ class Library:
     ) -> Callable[[FunctionT], FunctionT]:
         """Declare the decorated function as a built-in.
 
-        cb3, e: the first version that has it, None if no version of the series does.
+        cb3, e: the first version that has it, None if no version of the series does. x: the first PolyScope X, by
+        default the one that corresponds to e.
         takes_scope: the parameter after the host is the caller's variables (`urscript.interpreter.Locals`).
         work: extra work of a call [units of `urscript.meter`], so that calls in a loop slow the loop.
         Raises TypeError when scripts cannot call a function with this signature.
         """
 
         def declare(function: FunctionT) -> FunctionT:
-            availability = Availability.since(cb3, e)
+            availability = Availability.since(cb3, e, x)
             described = _describe(self, function, availability, status, note, aliases or {}, takes_scope=takes_scope)
             self._add(replace(described, work=work))
             return function

@@ -6,14 +6,14 @@ from urproto.errors import RobotRefused
 from urproto.versions import Availability, PolyscopeVersion
 
 # Source: the version checks of Universal_Robots_Client_Library 2.14 and of its control program; for the queries and
-# the axes of freedrive, those of ur_rtde 1.6.5.
+# the axes of freedrive, those of ur_rtde 1.6.5; for torques on PolyScope X, the Script Manual 5.25.1.
 GATES: Final = {
     "zero_ftsensor": Availability.since(None, "5.0"),
     "start_tool_contact": Availability.since(None, "5.0"),
     "end_tool_contact": Availability.since(None, "5.0"),
     "set_target_payload": Availability.since(None, "5.10"),
     "optimove": Availability.since(None, "5.21", "10.8"),
-    "torque": Availability.since(None, "5.23", "10.11"),
+    "torque": Availability.since(None, "5.23", "10.10"),
     "set_friction_compensation": Availability.since(None, "5.23", "10.10"),
     "set_friction_scales": Availability.since(None, "5.25.1", "10.12.1"),
     "contact": Availability.since(None, "5.4"),

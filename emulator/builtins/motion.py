@@ -210,6 +210,7 @@ def stopl(host: ProgramHost, a: Num = 2.0, aRot: Num | None = None) -> Frames[No
 @LIBRARY.builtin(
     cb3=None,
     e="5.23",
+    x="10.10",  # Script Manual 5.25.1: released in 5.23 and 10.10
     status="partial",
     note="moves a dynamic arm (--arm dynamic); an ideal one does not move, as in URSim",
 )

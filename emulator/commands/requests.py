@@ -1,7 +1,7 @@
 """The commands that the ports send to the controller."""
 
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal
 
@@ -44,16 +44,18 @@ class ScriptUnit(Command):
     """One program or line from a script port.
 
     A line that is a text command of the controller is carried out as such; everything else goes to the interpreter.
+    ``origin``: who sent it, for the log of refused scripts.
     """
 
     text: str
     kind: Literal["block", "line"]
+    origin: str = field(default="a script", compare=False)
 
     def apply(self, controller: Controller) -> Generator[None, None, None]:
         """Done when it is decided whether the program starts, because the next unit may refer to it."""
         if self.kind == "line" and text_commands.execute(controller, self.text):
             return
-        submission = controller.programs.submit(self.text)
+        submission = controller.programs.submit(self.text, self.origin)
         while submission.accepted is None:
             yield
 
@@ -63,10 +65,15 @@ class RefusedScript(Command):
     """A program or line from a read-only connection. It is only reported, with the code C210."""
 
     text: str
+    origin: str = field(default="a script", compare=False)
 
     def apply(self, controller: Controller) -> None:
         controller.messages.error(READ_ONLY_SOCKET)
         controller.messages.note(f"script not executed: its connection is read-only: {self.text[:_SHOWN]!r}")
+        controller.messages.refused(
+            self.origin,
+            "its connection is read-only; use ports 30001 to 30003 and, on e-Series, remote control, before connecting",
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,10 @@ Programs (``read_port_register`` and related functions) and clients of the serve
 words; negative quantities are in two's complement. Addresses that are not in the map do not exist; some can only be
 read, some can only be written.
 
+A client reads the map in blocks, and it has gaps: reserved addresses, 259, and the masks that can only be written. The
+article has an exception for an illegal "request address", which is taken to be the first one: the rest of a block reads
+as 0 where there is nothing to read (guess).
+
 Source: the vendor's article on the Modbus server (16377), as transcribed in public projects. Guesses: quantities that
 are too large for a word saturate; the angle of a joint is from 0 to a full turn, next to its number of turns.
 """
@@ -52,9 +56,9 @@ def _carry_out(machine: Machine, request: ModbusRequest) -> list[int]:
     written = range(request.address, request.address + len(request.values))
     match request.function:
         case Function.READ_COILS | Function.READ_DISCRETE_INPUTS:
-            return [read_coil(machine, address) for address in addresses]
+            return _read_block(machine, COILS, addresses, "coil")
         case Function.READ_HOLDING_REGISTERS | Function.READ_INPUT_REGISTERS:
-            return [read_register(machine, address) for address in addresses]
+            return _read_block(machine, REGISTERS, addresses, "register")
         case Function.WRITE_COIL | Function.WRITE_COILS:
             check_writable(COILS, written, "coil")
             for address, value in zip(written, request.values, strict=True):
@@ -66,6 +70,13 @@ def _carry_out(machine: Machine, request: ModbusRequest) -> list[int]:
         case _:
             raise ModbusException(ExceptionCode.ILLEGAL_FUNCTION)
     return []
+
+
+def _read_block(machine: Machine, table: dict[int, Cell], addresses: range, what: str) -> list[int]:
+    """Values of consecutive addresses, 0 where there is nothing to read. Raises PortError for the first address."""
+    _reader(table, addresses[0], what)
+    cells = (table.get(address) for address in addresses)
+    return [_word(cell.read(machine)) if cell is not None and cell.read is not None else 0 for cell in cells]
 
 
 _TURN: Final = 2.0 * math.pi

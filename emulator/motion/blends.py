@@ -93,7 +93,7 @@ class ToolBlend(Blend):
         self._corner = after.pose(0.0)
 
     def joints(self, t: float, q: Joints) -> Joints:
-        return self.after.reach.joints(self.pose(t / self.duration), q)
+        return self.after.reach.follow(self.pose(t / self.duration), q)
 
     def pose(self, u: float) -> Pose:
         """TCP pose at 0 <= u <= 1."""

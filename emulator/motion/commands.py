@@ -9,7 +9,7 @@ from math import isfinite
 
 from emulator.motion.blends import Coast, Leaving, blend_into, overlap
 from emulator.motion.compliance import ForceControl
-from emulator.motion.faults import MotionFault, MotionWarning, bad_setpoint
+from emulator.motion.faults import MotionFault, MotionWarning, bad_setpoint, singular_start
 from emulator.motion.generator import Generator
 from emulator.motion.legs import TOOL_LIMITS, ArcLeg, JointLeg, Leg, LineLeg, ToolLeg, circle_through
 from emulator.motion.movement import ActiveMovement, Move
@@ -17,6 +17,7 @@ from emulator.motion.pacing import RAMP_RAD_S2
 from emulator.motion.path_motion import PathMotion
 from emulator.motion.position_limits import PositionLimits
 from emulator.motion.profile import Limits
+from emulator.motion.reach import singularity
 from emulator.motion.servo import JointServo, ToolServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import ToolStop, brake_together
@@ -137,8 +138,13 @@ class MotionCommands:
         return self._begin(PathMotion(leg, radius_m, blend))
 
     def _planned(self, make_leg: Callable[[Joints], Leg], leaving: Leaving | None) -> Leg:
-        """Plan the leg from where the previous motion ends. Raises MotionFault if the tool cannot reach its goal."""
-        leg = make_leg(self._start()[0] if leaving is None else leaving.corner)
+        """Plan the leg from where the previous motion ends. Raises MotionFault if the tool cannot follow it."""
+        start = self._start()[0] if leaving is None else leaving.corner
+        leg = make_leg(start)
+        if isinstance(leg, ToolLeg) and leg.length and leaving is None:
+            stuck = singularity(self._target.model.dh, start)
+            if stuck is not None:
+                raise singular_start(stuck)
         if self.wrench_limit is not None:
             self.wrench_limit.slow(leg, self._target.reach.tcp_offset)
         if isinstance(leg, ToolLeg) and leg.length < _DIRECTION_M:

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from math import cos, inf, sin
 from operator import mul
+from typing import Final
 
-from emulator.motion.faults import unreachable
+from emulator.motion.faults import MotionFault, Singularity, path_out_of_reach, unreachable
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans
@@ -26,8 +27,24 @@ def distance_to_singularity(dh: DH, q_rad: Joints) -> float:
     Elbow: stretched or folded. Wrist: joints 4 and 6 parallel. Shoulder: the wrist is above the base joint's axis; its
     distance from there counts as a fraction of the length of the two long links.
     """
+    return min(_distances(dh, q_rad).values())
+
+
+_SINGULAR: Final = 1e-3  # of distance_to_singularity(): an arm this near to one is in it (guess)
+
+
+def singularity(dh: DH, q_rad: Joints) -> Singularity | None:
+    """The singularity that the arm is in, elbow and shoulder before the wrist; None if it is in none."""
+    return next((kind for kind, distance in _distances(dh, q_rad).items() if distance < _SINGULAR), None)
+
+
+def _distances(dh: DH, q_rad: Joints) -> dict[Singularity, float]:
     outward = _outward(dh, q_rad) / (abs(dh.a[1]) + abs(dh.a[2]))
-    return min(abs(sin(q_rad[2])), abs(sin(q_rad[4])), abs(outward))
+    return {
+        Singularity.ELBOW: abs(sin(q_rad[2])),
+        Singularity.SHOULDER: abs(outward),
+        Singularity.WRIST: abs(sin(q_rad[4])),
+    }
 
 
 def _outward(dh: DH, q_rad: Joints) -> float:
@@ -65,6 +82,13 @@ class Reach:
         if q is None:
             raise unreachable(pose_base_tcp)
         return q
+
+    def follow(self, pose_base_tcp: Pose, q_near_rad: Joints) -> Joints:
+        """As `joints`, for a pose on a path that has begun: the fault says that the path leaves the workspace."""
+        try:
+            return self.joints(pose_base_tcp, q_near_rad)
+        except MotionFault:
+            raise path_out_of_reach(pose_base_tcp) from None
 
     def step_towards(self, pose_base_tcp: Pose, q_rad: Joints) -> Joints:
         """Joint displacement [rad] that moves the TCP towards a nearby pose; it stays small near a singularity."""

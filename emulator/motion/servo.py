@@ -179,7 +179,7 @@ class ToolServo:
             self._next = now = wanted if size <= a * h else lerp(self._twist, change, a * h / size)
             self._next_pose = pose_add(scaled(now, h), pose)
         self._next_step_m, self._next_from = self._length(self._next) * h, q
-        return q if self._next_pose == pose else self.reach.joints(self._next_pose, q)
+        return q if self._next_pose == pose else self.reach.follow(self._next_pose, q)
 
     def _followable_acceleration(self, q: Joints) -> float:
         """Tool acceleration that the joints can follow at the last step [m/s2]: small near a singularity."""

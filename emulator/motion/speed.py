@@ -164,12 +164,12 @@ class ToolSpeed(_HeldSpeed):
 
     def propose(self, h: float, q: Joints) -> Joints:
         pose = self._step(h).place
-        return q if pose == self._now.place else self.reach.joints(pose, q)
+        return q if pose == self._now.place else self.reach.follow(pose, q)
 
     def joints_at_end(self, q: Joints) -> Joints:
         """See JointSpeed. Raises MotionFault if the pose is out of reach."""
         pose = self._command_end().place
-        return q if pose == self._now.place else self.reach.joints(pose, q)
+        return q if pose == self._now.place else self.reach.follow(pose, q)
 
     def _run(self, state: _State, command: _Command, h: float) -> _State:
         change = sub(command.speed, state.speed)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import exp, radians
 from typing import Protocol
 
-from emulator.motion.faults import MotionFault, sudden_jump
+from emulator.motion.faults import Displacement, MotionFault, displaced_too_fast, sudden_jump
 from emulator.motion.movement import ActiveMovement
 from emulator.motion.reach import Reach
 from emulator.motion.target import ArmTarget
@@ -340,7 +340,9 @@ class Superposition:
         model = reach.model
         limits = zip(qd, self.qd, model.qd_max, model.qdd_max, strict=True)
         for joint, (now, before, most, acceleration) in enumerate(limits):
-            sudden = abs(now - before) > _SUDDEN * acceleration * period_s
-            if sudden or abs(now) > most * (1.0 + _TOLERANCE):
+            if abs(now - before) > _SUDDEN * acceleration * period_s:
                 raise sudden_jump(joint, now - before, now)
+            if abs(now) > most * (1.0 + _TOLERANCE):
+                first = min(self._sources, default=Kind.PATH_OFFSET)
+                raise displaced_too_fast(Displacement[first.name], joint, now, most)
         self.q, self.qd = q, qd

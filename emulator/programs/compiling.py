@@ -83,7 +83,8 @@ class Submission:
     """A text submitted by a client. ``accepted`` is None until it is decided whether it runs.
 
     ``of_file``: it is that of the loaded program, which is played. ``translation``: creates the text from a program
-    tree. ``refusal``: reason why that failed.
+    tree. ``refusal``: reason why that failed. ``origin``: what it is and who sent it, for the log; empty if nobody has
+    to be told that it was refused.
     """
 
     text: str
@@ -95,6 +96,7 @@ class Submission:
     error: CompileError | None = None
     translation: Steps[str] | None = None
     refusal: str = ""
+    origin: str = ""
 
     @property
     def main(self) -> bool:

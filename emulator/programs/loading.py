@@ -121,7 +121,9 @@ class Player:
         if self.loaded is None:
             return None
         tree = self.loaded.tree
-        submission = self._played = Submission(self.loaded.script, self._machine.version, stepped, of_file=True)
+        origin = f"the loaded program {self.loaded.name}"
+        submission = Submission(self.loaded.script, self._machine.version, stepped, of_file=True, origin=origin)
+        self._played = submission
         if tree is None:
             return submission
         if tree.needs_external_control:

@@ -49,6 +49,7 @@ _PAUSED: Final = (RuntimeState.PAUSING, RuntimeState.PAUSED)
 _RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
 _FLAGS: Final = 32  # Script Manual, set_flag
 _MAX_WARNINGS: Final = 100  # of one program, in the log
+_NOT_READY: Final = "power the arm on, release its brakes, clear any stop"
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
 
@@ -253,14 +254,14 @@ class Programs:
 
     # requests of clients
 
-    def submit(self, text: str) -> Submission:
+    def submit(self, text: str, origin: str = "") -> Submission:
         """Run a text: a ``sec`` program alongside the main one, any other program in its place.
 
         The decision is immediate if the text is short or was compiled before, otherwise it takes
         some periods, in the order of submission. A text is not accepted if it does not compile, if
-        the arm is not ready for a main program (a message gives the reason), or after a stop.
+        the arm is not ready for a main program (a message gives the reason), or after a stop. origin: see `Submission`.
         """
-        return self._compile(Submission(text, self._machine.version, self.step_hook is not None))
+        return self._compile(Submission(text, self._machine.version, self.step_hook is not None, origin=origin))
 
     def _compile(self, submission: Submission) -> Submission:
         self._machine.messages.trace("program: %s bytes to be compiled", len(submission.text))
@@ -432,7 +433,9 @@ class Programs:
         self._machine.freedrive_inputs.release()
         if self._machine.motion.paused:  # a protective stop without a program
             self._machine.motion.resume()
-        if self._machine.version.series is Series.E:  # statement of the vendor; PolyScope's scripts do not call it
+        if self._machine.version.series is Series.E and self._player.made(program):
+            # A vendor's engineer, of programs that the pendant plays (ROS driver, issues 512 and 643). Their preamble
+            # sets the payload, which zeroes the sensor; a script that a client sends has no preamble (guess).
             self._machine.arm.zero_force()
         self._host = ProgramHost(self._machine, self, name=program.name)
         self._main = Runtime(program, self._host)
@@ -446,10 +449,10 @@ class Programs:
         self.modbus.program_started()
         self._machine.messages.key(PROGRAM_STARTED, program.name)
         if not self._machine.may_play:
-            self.pause(f"{program.name} waits: power the arm on, release its brakes, clear any stop, then play")
+            self.pause(f"{program.name} waits: {_NOT_READY}, then play")
 
     def _refuse(self, program: CompiledProgram) -> None:
-        self._report(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
+        self._report(f"program {program.name} was not started: {_NOT_READY}")
 
     def _run_main(self) -> None:
         main, host = self._main, self._host
@@ -482,7 +485,9 @@ class Programs:
         """Start, refuse or queue the submissions that are compiled by now."""
         while (submission := self._compiling.next()) is not None:
             program = self._compiled(submission)
-            submission.accepted = program is not None and self._accept(program, of_file=submission.of_file)
+            submission.accepted = program is not None and self._accept(program, submission)
+            if submission.refusal and submission.origin:
+                self._machine.messages.refused(submission.origin, submission.refusal)
             self._machine.messages.trace(
                 "program: %s is %s",
                 program.name if program else "a text",
@@ -491,11 +496,12 @@ class Programs:
 
     def _compiled(self, submission: Submission) -> CompiledProgram | None:
         program, error = submission.program, submission.error
+        if submission.refusal:
+            self._report(submission.refusal)
         if error is not None:
             self._machine.messages.compile_error(error.line, error.column, error.wire)
             self._note(error.render())
-        if submission.refusal:
-            self._report(submission.refusal)
+            submission.refusal = f"line {error.line}, column {error.column}: {error.message}"
         if program is None:
             return None
         shown, rest = program.warnings[:_MAX_WARNINGS], len(program.warnings) - _MAX_WARNINGS
@@ -505,17 +511,21 @@ class Programs:
             self._note(f"{program.name}: {rest} more calls will fail when they are executed")
         return program
 
-    def _accept(self, program: CompiledProgram, *, of_file: bool) -> bool:
+    def _accept(self, program: CompiledProgram, submission: Submission) -> bool:
         if program.kind == "secondary":
             self._secondary.add(program)
             return True
-        if of_file and not self._machine.may_play:
+        if submission.of_file and not self._machine.may_play:
             self._refuse(program)
+            submission.refusal = _NOT_READY
             return False
-        if self.paused and not of_file:
+        if self.paused and not submission.of_file:
             self.stop(f"{program.name} was sent while it was paused")
-            self._note(f"{program.name} was not started, because it ended a paused program: send it again to start it")
+            submission.refusal = "it ended a paused program: send it again to start it"
+            self._note(f"{program.name} was not started: {submission.refusal}")
             return False
+        if not self._machine.may_play:
+            submission.refusal = f"it waits paused: {_NOT_READY}, then play"
         self._player.drop()
         self._stop_main("replaced by another program")
         self._next = program

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+from emulator.reporting.refusals import RefusalLog
 from urproto.errorcodes import error_text
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import (
@@ -36,6 +37,7 @@ class MessageLog:
         self._pending: list[RobotMessage | VariableMessage] = []
         self.on_note: Callable[[str], None] | None = None
         self.history: deque[str] = deque(maxlen=_HISTORY_LINES)
+        self._refusals = RefusalLog(lambda: time_us() / 1e6)
 
     def emit(self, message: RobotMessage | VariableMessage) -> None:
         """Send a message with this period's snapshot; a missing timestamp is filled in."""
@@ -49,6 +51,10 @@ class MessageLog:
         if self.on_note is not None:
             self.on_note(text)
         self._log(text)
+
+    def refused(self, origin: str, reason: str) -> None:
+        """Log for whoever started the emulator that a script was not started; see `RefusalLog`."""
+        self._refusals.report(origin, reason)
 
     def trace(self, text: str, *values: object) -> None:
         """Log why something happened, with robot time, for ``--log-level debug`` only.

@@ -13,9 +13,9 @@ real arm, too (``urproto.robots.measured``).
 """
 
 import math
-from operator import truediv
 from typing import TYPE_CHECKING, Final
 
+from emulator.robot.collisions import CollisionWindows
 from emulator.robot.drives import Drives, TorqueCommand
 from emulator.robot.installation import Installation, Payload
 from emulator.robot.sensors import Sensors
@@ -77,7 +77,6 @@ class ToolState:
         self.elbow_position = position
 
 
-CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # of collision detection (guess)
 _MAX_PUSH: Final = 3.0  # times a joint's torque limit: a larger external torque would break it (guess)
 _LOST_RAD_S: Final = 1e4  # a body reaches this speed only if its payload has an impossible inertia
 _STANDING_RAD_S: Final = 0.005  # a slower arm counts as at rest (guess)
@@ -128,7 +127,7 @@ class Arm:
         self.ft_raw_wrench: Vector6 = ZERO6
         self.tool_acceleration: Vector3 = ZERO3
         self.momentum = 0.0
-        self.collision_ratio = 0.0  # largest deviation of a joint current, as a fraction of its window, up to 1
+        self.collisions = CollisionWindows()
         self.link_torque: Vector6 = ZERO6  # joint torques from contacts of the links; set before ``update``
         self.base_wrench_enabled = False  # target_base_wrench takes time to calculate, and few versions have it
         self.base_wrench: Vector6 = ZERO6
@@ -150,6 +149,7 @@ class Arm:
         self._driven = False
         self._known = False  # False until the first update
         self._force_zeroed = False
+        self._released = False
 
     # state
 
@@ -214,6 +214,10 @@ class Arm:
         self._force_bias = add(self.wrench, self._payload_error) if self._mounted is not None else self.wrench
         self._force_zeroed = True
 
+    def released(self) -> None:
+        """The arm is released from a stop, or by its brakes: what it carries in the next period is no collision."""
+        self._released = True
+
     def torque_response(
         self, command: TorqueCommand, q: Vector6, qd: Vector6, period_s: float
     ) -> tuple[Vector6, Vector6]:
@@ -265,6 +269,9 @@ class Arm:
         self._measure()
         self._update_sensors(installation)
         self._update_torques()
+        if self._released:
+            self._released = False
+            self.collisions.accept()
         return True
 
     def recover(self, q: Vector6) -> None:
@@ -275,6 +282,7 @@ class Arm:
         self.target_torque = self.actual_torque = self.own_torque = self.base_wrench = ZERO6
         self.target_current = self.actual_current = self.control_output = self.friction_W = ZERO6
         self._force_bias = self._payload_error = ZERO6
+        self.collisions.clear()
         self._payload = self._gravity = None
         self._known = self._driven = False
         if self.drives is not None:
@@ -302,7 +310,8 @@ class Arm:
         snapshot.target_current, snapshot.actual_current = self.target_current, self.actual_current
         snapshot.joint_control_output = self.control_output
         snapshot.actual_current_as_torque = self.actual_torque
-        snapshot.collision_detection_ratio = self.collision_ratio
+        snapshot.collision_detection_ratio = self.collisions.ratio
+        snapshot.actual_current_window = self.collisions.windows
         snapshot.target_base_wrench = self.base_wrench
 
     def _take_loads(self, installation: Installation) -> bool:
@@ -337,6 +346,7 @@ class Arm:
             or self.link_torque != self._link_torque
             or driven is not self._driven
             or self._force_zeroed
+            or self._released
             or not self._known
             or self._target_tool.acceleration is not ZERO6
         )
@@ -434,7 +444,6 @@ class Arm:
         return (wrench[0], wrench[1], wrench[2], *torque)
 
     def _update_torques(self) -> None:
-        self.collision_ratio = 0.0
         if self.base_wrench_enabled:
             self.base_wrench = self.dynamics.base_wrench(self.target_q, self.target_qd, self.target_qdd)
         if self._driven and self.drives is None:
@@ -446,6 +455,7 @@ class Arm:
         else:
             self.target_torque = self.actual_torque = self.own_torque = ZERO6
             self.target_current = self.actual_current = self.control_output = ZERO6
+            self.collisions.clear()
 
     def _ideal_currents(self) -> None:
         """Currents and torques of an ideal arm: those of the model plus external loads."""
@@ -456,7 +466,9 @@ class Arm:
         if outside != ZERO6 or self.link_torque != ZERO6:
             self.actual_torque = sub(self.target_torque, add(self._joint_torques(outside), self.link_torque))
             self.actual_current = self._currents(self.actual_torque)
-            self._check_currents()
+            self.collisions.compare(sub(self.actual_current, self.target_current))
+        else:
+            self.collisions.clear()
         self.control_output = self.actual_current
 
     def _measured_currents(self, drives: Drives) -> None:
@@ -469,11 +481,7 @@ class Arm:
         self.control_output = motors if self.model.series is Series.CB3 else self._currents(drives.torque)
         a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.torque_constants)
         self.actual_torque = (a, b, c, d, e, f)
-        self._check_currents()
-
-    def _check_currents(self) -> None:
-        excess = sub(self.actual_current, self.target_current)
-        self.collision_ratio = min(1.0, max(map(truediv, map(abs, excess), CURRENT_WINDOW_A)))
+        self.collisions.compare(sub(self.actual_current, self.target_current))
 
     def _currents(self, torque: Vector6) -> Vector6:
         k = self.torque_constants

@@ -15,7 +15,7 @@ from operator import add, mul
 from random import Random
 from typing import Final
 
-from emulator.robot.arm import CURRENT_WINDOW_A, Arm
+from emulator.robot.arm import Arm
 from emulator.snapshot import Snapshot
 from urproto.facts import Personality, Situation, find
 from urproto.robots.measured import Supply
@@ -139,7 +139,6 @@ class Electrics:
             joints_V = self._joint_voltage(robot_V) if powered and self._joint_voltages == "measured" else 0.0
             snapshot.actual_joint_voltage = (joints_V,) * 6
             snapshot.tool_board_voltage = robot_V if self._tool_voltage == "measured" else 0.0
-        snapshot.actual_current_window = CURRENT_WINDOW_A
         snapshot.joint_temperatures = self.thermals.joints
         snapshot.tool_temperature = self.thermals.tool
         snapshot.board_temperature = self.thermals.box

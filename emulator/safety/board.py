@@ -199,6 +199,8 @@ class SafetyBoard:
             self._power = machine.power.state
             if self._power in (PowerState.IDLE, PowerState.RUNNING):
                 self._conditions.check_position()
+            if self._power is PowerState.RUNNING:
+                self._accept_load()
 
     def check_arm(self, *, changed: bool) -> None:
         """Check the arm, after it has moved. ``changed``: it differs from the last period."""
@@ -373,12 +375,19 @@ class SafetyBoard:
         """End a stop. A paused program waits to be resumed; after a safeguard stop, it resumes by itself."""
         self.safety_popup = ""
         self._stop_monitor.end()
+        if before in STOP_CATEGORY:
+            self._accept_load()
         if before in _HARD:
             self.restarted()
         if self._machine.power.report.powered and self._machine.safety.mode is not SafetyMode.RECOVERY:
             self._conditions.check_position()
         if before is SafetyMode.SAFEGUARD_STOP and self._resume and self._machine.safety.programs_allowed:
             self._machine.programs.resume()
+
+    def _accept_load(self) -> None:
+        """The arm may move again: what it presses against now does not stop it once more."""
+        self._machine.arm.released()
+        self.supervision.released()
 
     # reports
 

@@ -148,10 +148,10 @@ class Cause(Enum):
     )
     ELBOW_PLANE = _protective(
         what="the elbow is close to a safety plane", code=400, only=Series.E
-    )  # code: guess, next to C403
+    )  # code: guess, next to C403; another vendor's list has both in this order, two codes apart
     CLAMPING = _protective(what="the flange is so close to the lower arm that it could clamp", code=403, only=Series.E)
-    UNREACHABLE = _protective(what="a pose out of reach, or not a number", code=204, argument=5)
-    SINGULARITY = _protective(what="a path through a singularity", code=204, argument=7)
+    UNREACHABLE = _protective(what="a pose out of reach of a straight or circular path", code=204, argument=3)
+    SINGULARITY = _protective(what="a path through a singularity, or one that begins in one", code=154)
     WORLD_FAILURE = _protective(
         what="the world around the arm can no longer be computed (--physics)", code=116, argument=1
     )  # code: guess, as for a failure of the emulator
@@ -170,7 +170,7 @@ class Cause(Enum):
 
     SAFETY_FAULT = _fault(what="the two safety processors disagree", code=192, argument=1)
     JOINT_FAULT = _fault(what="a joint reports a fault", code=193, per_joint=True)
-    POWER_LOSS = _fault(what="the arm's 48 V supply is lost", code=50)  # code and mode: guess
+    POWER_LOSS = _fault(what="the arm's 48 V supply is lost", code=50, argument=5)  # mode: guess
     STOP_COUNT = _fault(
         what="more than 50 protective stops on one joint within 8 h", code=163, per_joint=True
     )  # mode: guess

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import hypot, radians
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from emulator.robot.arm import CURRENT_WINDOW_A, Arm
+from emulator.robot.arm import Arm
 from emulator.safety.causes import Cause
 from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
 from urproto.modes import SafetyMode
@@ -73,6 +73,8 @@ class Supervision:
         self._clamps = model.series is Series.E
         self._lasting: dict[Cause, float] = {}  # how long each limit has been exceeded [s]
         self._collision_s = 0.0
+        self._released = False  # since the last check
+        self._carried_N = 0.0  # of the force on the tool when the arm was released, what is left
         self._deviation_before: float | None = None
         self._clamping_before: float | None = None
         self._clamping_room = 0.0
@@ -90,12 +92,19 @@ class Supervision:
         """The arm is stopped or off: restart all detection times."""
         self._lasting.clear()
         self._collision_s = 0.0
+        self._released = False
         self._deviation_before = self._clamping_before = self._clearance_before = None
+
+    def released(self) -> None:
+        """The arm is released from a stop, or by its brakes: the force that it carries now is no violation, because it
+        could not be moved out of a contact otherwise. A larger one is (guess, as in `emulator.robot.collisions`)."""
+        self._released = True
 
     # violations
 
     def violation(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> Finding | None:
         """Return the limit that has been exceeded for too long, if any."""
+        self._relieve(arm)
         if not self._lasting and not boundaries.any and self._well_within(arm, limits):
             return None
         exceeded = {finding.cause: finding for finding in self._exceeded(arm, limits, boundaries, mode)}
@@ -104,6 +113,14 @@ class Supervision:
             if lasted >= (_POSITION_S if cause in _POSITIONS else _MOTION_S):
                 return exceeded[cause]
         return None
+
+    def _relieve(self, arm: Arm) -> None:
+        """Note what a released arm carries, and less of it as it is relieved."""
+        if not (self._released or self._carried_N):
+            return
+        force = hypot(*arm.wrench[:3])
+        self._carried_N = force if self._released else min(self._carried_N, force)
+        self._released = False
 
     def _well_within(self, arm: Arm, limits: LimitSet) -> bool:
         """Fast check, sufficient in nearly every period: nothing exceeds a limit, even without tolerance."""
@@ -152,7 +169,7 @@ class Supervision:
             yield _over(Cause.TCP_SPEED_VIOLATION, "tool speed", speed, limits.tcp_speed, "m/s")
         if (elbow := hypot(*arm.elbow_velocity)) > limits.elbow_speed + slack.speed:
             yield _over(Cause.ELBOW_SPEED_VIOLATION, "elbow speed", elbow, limits.elbow_speed, "m/s")
-        if force > limits.force + slack.force:
+        if force > max(limits.force, self._carried_N) + slack.force:
             yield _over(Cause.FORCE_VIOLATION, "force on the tool", force, limits.force, "N")
         if power > limits.power + slack.power:
             yield _over(Cause.POWER_VIOLATION, "power", power, limits.power, "W")
@@ -207,15 +224,14 @@ class Supervision:
         return None
 
     def _collision(self, arm: Arm, is_stiff: Callable[[], bool]) -> Finding | None:
-        if arm.collision_ratio < 1.0 or not is_stiff():
+        if arm.collisions.ratio < 1.0 or not is_stiff():
             self._collision_s = 0.0
             return None
         self._collision_s += self._period
         if self._collision_s < _COLLISION_S:
             return None
         self._collision_s = 0.0
-        pairs = zip(arm.actual_current, arm.target_current, CURRENT_WINDOW_A, strict=True)
-        shares = [abs(actual - target) / window for actual, target, window in pairs]
+        shares = arm.collisions.shares
         joint = shares.index(max(shares))
         text = f"joint {joint} is obstructed: its current is off the model by {shares[joint]:.1f} times the window"
         return Finding(Cause.COLLISION, joint, text)

@@ -81,8 +81,11 @@ class ScriptConnection(Connection):
             return
         passed = self.server.hooks.message(self, Direction.RECEIVED, unit)
         if passed is not None:
-            refused = self._read_only
-            self._queue.put(RefusedScript(passed.text) if refused else ScriptUnit(passed.text, passed.kind))
+            origin = f"a script from {self.peer} on port {self.server.port}"
+            if self._read_only:
+                self._queue.put(RefusedScript(passed.text, origin))
+            else:
+                self._queue.put(ScriptUnit(passed.text, passed.kind, origin))
 
 
 class RealtimeServer(PortServer):

@@ -109,6 +109,14 @@ EARLIER = {
 }
 
 
+def test_direct_torque_is_in_polyscope_x_since_10_10():
+    """Script Manual 5.25.1: its first form was released in 5.23 and 10.10; ur_rtde sends it to every PolyScope X."""
+    availability = SET.builtins["direct_torque"].availability
+    assert [availability.covers(PolyscopeVersion.parse(text)) for text in ("10.9", "10.10", "5.22", "5.23")] == [
+        False, True, False, True,
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row["name"])
 def test_first_versions_match_the_tables(row):
     availability = SET.builtins[row["name"]].availability

@@ -30,7 +30,7 @@ def test_every_version_has_all_that_is_called(version):
     ("name", "without", "with_it"),
     [
         ("optimovej", ["3.15.8", "5.20", "10.7"], ["5.21", "10.8"]),
-        ("direct_torque", ["3.15.8", "5.22", "10.10"], ["5.23", "5.25.1", "10.11"]),
+        ("direct_torque", ["3.15.8", "5.22", "10.9"], ["5.23", "5.25.1", "10.10"]),
         ("set_target_payload", ["3.15.8", "5.9.4"], ["5.10", "10.8"]),
         ("ft_rtde_input_enable", ["3.14.0", "5.9.0"], ["3.14.1", "5.9.1"]),
         ("force_mode_set_gain_scaling", ["3.15.8"], ["5.9.0"]),

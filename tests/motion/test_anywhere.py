@@ -86,7 +86,7 @@ def test_a_path_leaving_the_workspace_differs_from_a_goal_out_of_reach(make_rig)
     assert move.failed is not None
     assert "leads through p[" in move.failed.text
     assert f"path to p[{-x:.4f}" in move.failed.text
-    far = rig.commands.movel((2.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    far = make_rig("ur3", q=START_Q).commands.movel((2.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert far.failed is not None
     assert "p[2.0000, 0.0000, 0.0000" in far.failed.text
     assert "is out of reach" in far.failed.text

@@ -240,7 +240,7 @@ def test_speedl_out_of_the_workspace_stops_with_a_fault(rig):
         if rig.fault:
             break
     assert rig.fault is not None
-    assert rig.fault.code == 204
+    assert rig.fault.code == 154  # at the edge of the workspace, the arm is stretched
     rig.rest()
     assert rig.motion.qd == ZERO
 

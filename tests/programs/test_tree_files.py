@@ -48,6 +48,21 @@ def test_load_play_and_query_the_loaded_program(arm):
     assert arm.request("programState") == "PLAYING my tool.urp"
 
 
+@pytest.mark.parametrize(("model", "zeroed"), [("ur5e", True), ("ur5", False)])
+def test_playing_a_program_zeroes_the_sensor_of_an_e_series_arm(tmp_path, model, zeroed):
+    """Stated by the vendor in two issues of the ROS driver (512 and 643)."""
+    arm = Arm(tmp_path, model)
+    arm.save("tree.urp", main(sleep(1.0)))
+    arm.request("load tree.urp")
+    arm.controller.external_wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
+    arm.tick()
+    arm.request("play")
+    arm.seconds(0.5)
+    assert arm.state is RuntimeState.PLAYING
+    assert arm.controller.snapshot.actual_TCP_force[2] == pytest.approx(0.0 if zeroed else 4.0)
+    assert arm.controller.snapshot.ft_raw_wrench != pytest.approx((0.0,) * 6)  # the sensor itself still measures it
+
+
 def test_an_uncompressed_file_is_accepted(arm):
     (arm.folder / "tree.urp").write_bytes(gzip.decompress(urp(main(textmsg("plain")))))
     assert arm.request("load tree.urp").startswith("Loading program")

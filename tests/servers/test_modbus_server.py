@@ -51,6 +51,20 @@ async def test_state_of_the_arm(emulator: Emulator, client: AsyncModbusTcpClient
     assert [angle / 1000 for angle in rotation] == pytest.approx(pose[3:], abs=6e-4)
 
 
+async def test_a_block_is_read_across_the_gaps_of_the_map(emulator: Emulator, client: AsyncModbusTcpClient) -> None:
+    """Where there is nothing to read, it is 0: at 259, at the masks for writing, in reserved ranges, at the end."""
+    version = emulator.controller.version
+    assert words(await client.read_holding_registers(256, count=8)) == [version.major, version.minor, 7, 0, 1, 0, 0, 0]
+    await client.write_registers(128, [11, 12])
+    assert words(await client.read_input_registers(0, count=125))[34:] == [0] * 91
+    assert words(await client.read_holding_registers(28, count=102))[-2:] == [11, 12]
+    assert words(await client.read_holding_registers(255, count=10))[1:5] == [version.major, version.minor, 7, 0]
+    assert words(await client.read_holding_registers(2053, count=4))[1:] == [0, 0, 0]
+    await client.write_coil(136, True)
+    coils = await client.read_coils(128, count=40)
+    assert [index for index, level in enumerate(coils.bits[:40]) if level] == [8]
+
+
 @pytest.mark.parametrize("unit", [0, 1, 255])
 async def test_any_unit_number_addresses_the_robot(client: AsyncModbusTcpClient, unit: int) -> None:
     assert words(await client.read_holding_registers(258, device_id=unit)) == [7]
@@ -93,7 +107,8 @@ async def test_outputs_as_registers_and_coils(emulator: Emulator, client: AsyncM
 async def test_refusals(emulator: Emulator, client: AsyncModbusTcpClient) -> None:
     answers = [
         await client.read_holding_registers(34),
-        await client.read_holding_registers(255, count=10),
+        await client.read_holding_registers(259, count=10),
+        await client.read_coils(160),
         await client.read_holding_registers(2),
         await client.write_register(400, 1),
         await client.write_registers(0, [1, 1]),
@@ -103,7 +118,7 @@ async def test_refusals(emulator: Emulator, client: AsyncModbusTcpClient) -> Non
         await client.mask_write_register(address=128, and_mask=1, or_mask=1),
     ]
     assert [(answer.isError(), answer.exception_code) for answer in answers] == [
-        *[(True, 2)] * 5,
+        *[(True, 2)] * 6,
         (True, 3),
         (True, 2),
         *[(True, 1)] * 2,

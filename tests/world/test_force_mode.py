@@ -55,7 +55,7 @@ def test_every_type_of_force_mode_reaches_its_force(make, model):
         settles(rig, 10.0, 3.0)
         rig.controller.programs.stop("next")
         rig.until(lambda: rig.motion.idle)
-        rig.world.move("table", (x, y, rig.pose[2] - 0.0001, 0, 0, 0))  # the next program zeroes the sensor
+        rig.world.move("table", (x, y, rig.pose[2] - 0.0001, 0, 0, 0))
         rig.tick()
 
 
