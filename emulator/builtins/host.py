@@ -213,10 +213,15 @@ class ProgramHost:
         if move.failed is not None:
             raise RuntimeFault(f"the movement failed: {move.failed}")
 
-    def suspend(self, popup: Popup) -> None:
-        """Suspend the whole program, and the arm on its path, until a dialogue is closed."""
+    def suspend(self, popup: Popup) -> Frames[None]:
+        """Suspend the whole program, and the arm on its path, until a dialogue is closed.
+
+        Other threads keep their share of the program's time while the arm slows down.
+        """
         self.waiting_for = self.remember(popup)
         self.motion.pause()
+        while self.waiting_for is not None:
+            yield
 
     def remember(self, popup: Popup) -> Popup:
         """Keep track of a dialogue, to close it when the program ends."""

@@ -174,6 +174,7 @@ class MotionCommands:
         """
         displaced = self._superposition.active
         self._superposition.release()
+        self._force_control.slow_down(self._movement.time.pace)
         self._movement.stop(RAMP_RAD_S2 if decel is None else decel, along_path=not displaced)
 
     # streaming
@@ -257,7 +258,7 @@ class MotionCommands:
             return self._refuse(bad_setpoint("direct_torque's torque"))
         generator = self._movement.generator
         if not (isinstance(generator, DirectTorque) and self._streaming):
-            generator = DirectTorque(self._start()[1], respond, lambda: self._movement.ramp)
+            generator = DirectTorque(self._here()[1], respond, lambda: self._movement.ramp)
             self._take_over()
         generator.command(command)
         return self._begin(generator)
@@ -327,7 +328,12 @@ class MotionCommands:
     # beginning a movement
 
     def _start(self) -> tuple[Joints, Joints]:
-        """Position and speed at which a new movement starts: the arm's or, if the path is displaced, the path's.
+        """Position and speed at which a new movement starts, the speed in the program's time."""
+        (q, qd), pace = self._here(), self._movement.time.pace
+        return (q, scaled(qd, 1.0 / pace)) if 0.0 < pace < 1.0 else (q, qd)
+
+    def _here(self) -> tuple[Joints, Joints]:
+        """Present position and actual speed: the arm's or, if the path is displaced, the path's.
 
         A deviation left by force mode would remain next to a displaced path for ever, so it first becomes part of it.
         """
@@ -339,7 +345,7 @@ class MotionCommands:
 
     def _begin(self, generator: Generator) -> Move:
         """Make this the movement in progress; the wait for the previous one ends."""
-        start = self._start()
+        start = self._here()
         if self._force_control.released and not self._superposition.active:
             self._force_control.drop()  # the movement starts where force mode has left the arm
         return self._movement.begin(generator, *start)

@@ -15,6 +15,7 @@ planned from there is not off by a fraction of a period.
 from math import inf
 from typing import NamedTuple
 
+from emulator.motion.generator import Clock
 from emulator.motion.reach import Reach
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add
@@ -42,7 +43,7 @@ class _Command(NamedTuple):
 class _HeldSpeed:
     """Ready after the command's time or, without one, when the speed is reached; at the earliest after one period."""
 
-    scaled = True
+    clock = Clock.SCALED
 
     def __init__(self, state: _State) -> None:
         self._now = state

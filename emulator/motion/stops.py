@@ -1,8 +1,12 @@
-"""Stops in real time, independent of the speed slider: stopj, stopl and the stops of faults and brakes."""
+"""Stops, independent of the speed slider: stopj, stopl and the stops of faults and brakes.
+
+A pause holds a stop that a program has commanded, which continues afterwards; nothing holds the others.
+"""
 
 from enum import Enum, auto
 
 from emulator.motion.faults import MotionFault
+from emulator.motion.generator import Clock
 from emulator.motion.reach import Reach
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add
@@ -22,8 +26,6 @@ class StopOrigin(Enum):
 class JointStop:
     """Every joint brakes evenly from its own speed, in its own time; ``done`` once all stand still."""
 
-    scaled = False
-
     def __init__(self, q: Joints, qd: Joints, durations: Joints, origin: StopOrigin = StopOrigin.COMMAND) -> None:
         self.origin = origin
         self._q, self._qd, self._durations = q, qd, durations
@@ -34,6 +36,10 @@ class JointStop:
     def propose(self, h: float, q: Joints) -> Joints:
         self._proposed = self._t + h
         return self._at(self._proposed)
+
+    @property
+    def clock(self) -> Clock:
+        return Clock.PROGRAM if self.origin is StopOrigin.COMMAND else Clock.REAL
 
     def _at(self, t: float) -> Joints:
         return as_six(
@@ -72,7 +78,7 @@ class ToolStop:
     If the joints cannot follow within their speed limits, each joint brakes on its own.
     """
 
-    scaled = False
+    clock = Clock.PROGRAM
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints, deceleration: float, turn_deceleration: float) -> None:
         self._reach = reach
