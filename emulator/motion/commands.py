@@ -5,6 +5,7 @@ outside the joint limits, not a number) returns a failed Move, and the next peri
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import isfinite
 
 from emulator.motion.blends import Coast, Leaving, blend_into, overlap
@@ -27,7 +28,7 @@ from emulator.motion.wrench_limit import WrenchLimit
 from emulator.robot.drives import TorqueCommand
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO6, all_finite, as_six, largest, norm3, scaled
+from urproto.vectors import ZERO6, all_finite, as_six, largest, lerp, norm3, scaled
 
 _HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes over from an arm in motion (guess)
 _TURN_ACCELERATION_MAX = TOOL_LIMITS.acceleration / 0.25  # rad/s2, at the equivalent radius (guess)
@@ -277,7 +278,11 @@ class MotionCommands:
         if not (isfinite(a + turn_a) and a > 0.0 and turn_a > 0.0):
             return self._refuse(bad_setpoint("stopl's deceleration"))
         a, turn_a = min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX)
-        return self._begin(ToolStop(self._target.reach, *self._start(), a, turn_a))
+        (q, qd, late_s), reach, held = self._leaving(), self._target.reach, self._held_speed
+        start = (reach.pose(q), reach.twist(q, qd) if qd != ZERO6 else ZERO6)
+        if isinstance(held, ToolSpeed) and held.reach is reach:
+            start = (held.end.place, scaled(held.end.speed, self._movement.scale))
+        return self._begin(ToolStop(reach, self._target.period_s, start, qd, (a, turn_a), late_s))
 
     # freedrive, and the end of path offsets and tracking
 
@@ -332,6 +337,26 @@ class MotionCommands:
         (q, qd), pace = self._here(), self._movement.time.pace
         return (q, scaled(qd, 1.0 / pace)) if 0.0 < pace < 1.0 else (q, qd)
 
+    def _leaving(self) -> tuple[Joints, Joints, float]:
+        """Where a stop begins: position, speed in the program's time, and how long ago that was [s].
+
+        A speed that was commanded for a time ends exactly then; other stops begin when the frame was due.
+        """
+        (q, qd), held = self._start(), self._held_speed
+        if isinstance(held, JointSpeed):
+            qd = scaled(held.end.speed, self._movement.scale)
+        if held is not None and held.late_s is not None:
+            with suppress(MotionFault):  # at the end of the tool's reach, the stop begins here
+                return held.joints_at_end(q), qd, held.late_s / self._movement.scale
+        late_s = self._movement.time.late_s
+        return lerp(q, qd, -late_s), qd, late_s
+
+    @property
+    def _held_speed(self) -> JointSpeed | ToolSpeed | None:
+        """The speed that the arm holds, unless it deviates from it."""
+        deviating = self._superposition.active or self._force_control.active
+        return None if deviating else self._movement.held_speed
+
     def _here(self) -> tuple[Joints, Joints]:
         """Present position and actual speed: the arm's or, if the path is displaced, the path's.
 
@@ -355,7 +380,8 @@ class MotionCommands:
         self._movement.take_over(largest(self._start()[1]))
 
     def _stop_joints(self, a: float) -> Move:
-        return self._begin(brake_together(*self._start(), min(a, *self._target.model.qdd_max)))
+        q, qd, late_s = self._leaving()
+        return self._begin(brake_together(q, qd, min(a, *self._target.model.qdd_max), late_s))
 
     def _refuse(self, fault: MotionFault) -> Move:
         """Fail a command that cannot start; the next period causes a protective stop."""

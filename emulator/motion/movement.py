@@ -105,6 +105,17 @@ class ActiveMovement:
         """Fraction of a path's speed that the joints' limits permit; 1 for other movements, paced by their sender."""
         return self._pacer.share if isinstance(self.generator, PathMotion) else 1.0
 
+    @property
+    def held_speed(self) -> JointSpeed | ToolSpeed | None:
+        """The speed that is held, unless it stands still."""
+        generator = self.generator
+        return generator if isinstance(generator, JointSpeed | ToolSpeed) and self.scale > 0.0 else None
+
+    @property
+    def scale(self) -> float:
+        """The movement's own time in the program's time."""
+        return self._pacer.scale
+
     # beginning and ending
 
     def begin(self, generator: Generator, q: Joints, qd: Joints) -> Move:

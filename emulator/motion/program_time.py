@@ -51,6 +51,15 @@ class ProgramTime:
         """A command has ended: the threads run in the next period, so that another one can follow without a gap."""
         self._called = True
 
+    @property
+    def late_s(self) -> float:
+        """How late the frame comes that now runs [s]; negative: how early."""
+        return 0.0 if self._in_step else self._ahead * self._period
+
+    @property
+    def _ahead(self) -> float:
+        return self._frames - round(self._frames)
+
     def frame(self) -> bool:
         """Whether the threads run in this control period; asked once a period while the program is not held."""
         due = self._called or self._frames >= 1.0 - 0.5 * self.pace - _SAME
@@ -88,14 +97,13 @@ class ProgramTime:
     def _regained(self, ramp: float) -> float:
         """The next pace on the way to full pace, in step with the control periods."""
         pace = self._ramped(1.0, ramp)
-        if pace < 1.0:
-            return pace
-        ahead = self._frames - round(self._frames)
-        if abs(ahead) <= _SAME:
+        ahead = self._ahead
+        if abs(ahead) > _SAME:
+            change = ramp * self._period / self._speed if self._speed > 0.0 else inf
+            return min(pace, 1.0 - min(change, ahead % 1.0))
+        if pace >= 1.0:
             self._frames, self._in_step = float(round(self._frames)), True
-            return 1.0
-        change = ramp * self._period / self._speed if self._speed > 0.0 else inf
-        return 1.0 - min(change, ahead % 1.0)
+        return pace
 
 
 def ramped(scale: float, goal: float, pace: float, gain: float, change: float, period_s: float) -> float:

@@ -74,6 +74,7 @@ class PathOffset:
         self._frame = OffsetFrame.BASE
         self._target: Joints = ZERO6
         self._applied: Joints = ZERO6
+        self._left = 1.0  # of the frame of the program in which the target is to be reached
         self._path: Pose | None = None
         self._axes: Axes | None = None  # of the MOTION frame
 
@@ -81,7 +82,7 @@ class PathOffset:
         """Set another offset [m, rotation vector], from the next period on."""
         if frame is not self._frame:
             self._applied, self._frame = self.get(frame), frame  # the filter continues from the offset applied now
-        self._target = self._settings.limited(offset)
+        self._target, self._left = self._settings.limited(offset), 1.0
 
     def get(self, frame: OffsetFrame) -> Pose:
         """The offset applied now, expressed in this frame."""
@@ -102,7 +103,9 @@ class PathOffset:
             self._axes = _motion_axes(path, self._axes, shift[:3])
         missing = sub(self._target, self._applied)
         near = largest(missing) <= _SAME
-        self._applied = self._target if near else lerp(self._applied, missing, self._settings.alpha * tick.pace)
+        share = min(1.0, tick.pace / self._left)
+        self._applied = self._target if near else lerp(self._applied, missing, self._settings.alpha * share)
+        self._left = self._left - tick.pace if share < 1.0 else 1.0
 
     def apply(self, pose: Pose) -> Pose:
         offset = self._applied
