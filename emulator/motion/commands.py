@@ -181,7 +181,7 @@ class MotionCommands:
     # streaming
 
     def servoj(self, q: Sequence[float], *, t: float, lookahead_time: float = 0.1, gain: float = 300.0) -> Move:
-        """Follow q for t seconds of program time (at least one period), then keep moving towards it."""
+        """Follow q for t seconds of program time, then keep moving towards it."""
         numbers, target = (*q, t, lookahead_time, gain), as_six(q)
         fault = bad_setpoint("servoj's target") if not all_finite(numbers) else self._limits.outside(target)
         if fault is not None:
@@ -191,7 +191,7 @@ class MotionCommands:
             servo = JointServo(self._target.reach, *self._start())
             self._take_over()
         servo.command(target, t, lookahead_time, gain)
-        return self._begin(servo)
+        return self._begin(servo, timeless=t <= 0.0)
 
     def servoc(self, pose: Sequence[float], *, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Move:
         """Move towards the pose at tool speed v; ready within r of it."""
@@ -211,7 +211,10 @@ class MotionCommands:
         return self._begin(servo)
 
     def speedj(self, qd: Sequence[float], *, a: float, t: float | None = None) -> Move:
-        """Accelerate to joint speeds and hold them; ready after t or, without t, once they are reached."""
+        """Accelerate to joint speeds and hold them; ready after t or, without t, once they are reached.
+
+        For t = 0, or when the arm holds these speeds already, the program does not wait.
+        """
         fault = _not_finite("speedj", qd, a, t)
         if fault is not None:
             return self._refuse(fault)
@@ -224,10 +227,13 @@ class MotionCommands:
             speed = JointSpeed(*self._start())
             self._take_over()
         speed.command(wanted, min(a, *self._target.model.qdd_max), t)
-        return self._begin(speed)
+        return self._begin(speed, timeless=speed.timeless)
 
     def speedl(self, xd: Sequence[float], *, a: float, a_rot: float | None = None, t: float | None = None) -> Move:
-        """Accelerate to a tool velocity in the base frame [m/s, rad/s] and hold it; a_rot defaults to a."""
+        """Accelerate to a tool velocity in the base frame [m/s, rad/s] and hold it; a_rot defaults to a.
+
+        Ready as with speedj.
+        """
         turn_a = a if a_rot is None else a_rot
         fault = _not_finite("speedl", xd, a + turn_a, t)
         if fault is not None:
@@ -241,7 +247,7 @@ class MotionCommands:
             speed = ToolSpeed(self._target.reach, *self._start())
             self._take_over()
         speed.command(wanted, min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX), t)
-        return self._begin(speed)
+        return self._begin(speed, timeless=speed.timeless)
 
     @property
     def _blendable(self) -> bool:
@@ -368,12 +374,12 @@ class MotionCommands:
             self._force_control.drop()
         return self._movement.q, self._movement.qd
 
-    def _begin(self, generator: Generator) -> Move:
+    def _begin(self, generator: Generator, *, timeless: bool = False) -> Move:
         """Make this the movement in progress; the wait for the previous one ends."""
         start = self._here()
         if self._force_control.released and not self._superposition.active:
             self._force_control.drop()  # the movement starts where force mode has left the arm
-        return self._movement.begin(generator, *start)
+        return self._movement.begin(generator, *start, timeless=timeless)
 
     def _take_over(self) -> None:
         """Start a movement of another kind from the arm's present speed."""

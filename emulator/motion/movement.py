@@ -21,10 +21,11 @@ _GOVERNED = (PathMotion, JointSpeed, ToolSpeed)  # streamed targets set their ow
 
 @dataclass(slots=True, eq=False)
 class Move:
-    """A commanded movement: its program waits until ``ready`` or ``failed``."""
+    """A commanded movement: its program waits until ``ready`` or ``failed``, or not at all if ``timeless``."""
 
     ready: bool = False  # arrived, blend begun, time over, or replaced by another movement
     failed: MotionFault | None = None
+    timeless: bool = False  # a speed or target for no time: the program continues in the same control period
 
 
 class Holding(Enum):
@@ -118,7 +119,7 @@ class ActiveMovement:
 
     # beginning and ending
 
-    def begin(self, generator: Generator, q: Joints, qd: Joints) -> Move:
+    def begin(self, generator: Generator, q: Joints, qd: Joints, *, timeless: bool = False) -> Move:
         """Make this the movement in progress, from here; the wait for the previous one ends.
 
         A stream that continues with its own generator continues from its own state: its path is not moved.
@@ -131,7 +132,7 @@ class ActiveMovement:
             self.generator = generator
             self._goal = generator if generator.goal() is not None else None
         self._freeze_held_time()
-        self._waiting = Move()
+        self._waiting = Move(timeless=timeless)
         return self._waiting
 
     def take_over(self, speed_rad_s: float) -> None:
@@ -252,7 +253,8 @@ class ActiveMovement:
         moved.commit()
         if self._waiting is not None and moved.ready and not self._waiting.ready:
             self._waiting.ready = True
-            self.time.call()
+            if not self._waiting.timeless:
+                self.time.call()
         over = moved.done
         if over:
             self._drop()

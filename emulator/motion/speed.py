@@ -74,6 +74,12 @@ class _HeldSpeed:
         return left is not None and self.ready and not self._overdue and left > -self._h
 
     @property
+    def timeless(self) -> bool:
+        """Whether the last command takes no time: one for 0 s, or without a time when its speed is reached already."""
+        command = self._commands[-1]
+        return self._now.speed == command.speed if command.left is None else command.left <= 0.0
+
+    @property
     def late_s(self) -> float | None:
         """Time since the command's end if that is just now, negative if it is still to come; otherwise None."""
         left = self._commands[-1].left

@@ -435,7 +435,7 @@ class Programs:
         if main.error is not None:
             self._machine.messages.runtime_exception(main.error.line, main.error.column, main.error.message)
         if main.parked is not None:
-            watch(main, main.parked, self._machine)
+            watch(main, main.parked, self._machine, rushes=host.rushes(main.parked))
         if main.finished and self._event(RunEvent.FINISH):
             self._end()
 
