@@ -14,10 +14,10 @@ from emulator.motion.faults import MotionFault, MotionWarning, bad_setpoint
 from emulator.motion.generator import Generator
 from emulator.motion.legs import TOOL_LIMITS, ArcLeg, JointLeg, Leg, LineLeg, ToolLeg, circle_through
 from emulator.motion.movement import ActiveMovement, Move
-from emulator.motion.pacing import RAMP_RAD_S2
 from emulator.motion.path_motion import PathMotion
 from emulator.motion.position_limits import PositionLimits
 from emulator.motion.profile import Limits
+from emulator.motion.program_time import RAMP_RAD_S2
 from emulator.motion.servo import JointServo, ToolServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import ToolStop, brake_together

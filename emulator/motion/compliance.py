@@ -249,7 +249,8 @@ class Compliance:
         sudden = self._peak_change(step) / (_SUDDEN * self._period**2)
         if sudden > 1.0 and not touching:
             step = lerp(self._last_step, sub(step, self._last_step), 1.0 / sudden)
-        excess = max(abs(move) / (most * self._period) for move, most in zip(step, self.reach.model.qd_max, strict=True))
+        reach_of_period = scaled(self.reach.model.qd_max, self._period)
+        excess = max(abs(move) / most for move, most in zip(step, reach_of_period, strict=True))
         target = lerp(q, step, 1.0 / max(1.0, excess))
         missed = into6(axes, pose_sub(self.reach.pose(target), pose))
         free = [compliant or speed != 0.0 for compliant, speed in zip(self._compliant, own, strict=True)]

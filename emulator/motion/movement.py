@@ -220,7 +220,7 @@ class ActiveMovement:
             self.ramp = min(self._qdd_max)
 
     def _stops_too_late(self) -> bool:
-        """Whether a stop of the program is held by a pause, or gentler than the ramp: it does not end by slowing down."""
+        """Whether a stop of the program is held by a pause, or gentler than the one now requested."""
         stop = self.generator
         if not isinstance(stop, JointStop | ToolStop) or self.unconditional:
             return False

@@ -10,7 +10,7 @@ from emulator.motion.generator import Clock
 from emulator.motion.reach import Reach
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add
-from urproto.vectors import ZERO6, as_six, largest, norm3, scaled, sub
+from urproto.vectors import as_six, largest, norm3, scaled, sub
 
 _TIME_TOLERANCE = 1e-9  # s
 

@@ -21,7 +21,8 @@ _TOO_BUSY: Final = "The program used too much time without moving the robot or w
 def watch(main: Runtime, thread: ScriptThread, machine: Machine, *, rushes: bool) -> None:
     """Report a thread that computes endlessly; later end the program (CB3) or stop the arm (e-Series).
 
-    ``rushes``: it commands the arm meanwhile, for no time. Called in every period in which it continues; repeats after the same time if the thread is allowed to continue.
+    ``rushes``: it commands the arm meanwhile, for no time. Called in every period in which it continues; repeats after
+    the same time if the thread is allowed to continue.
     """
     if thread.parked_frames == round(_LONG_S / machine.period_s):
         argument, text = _describe(thread)
