@@ -18,6 +18,7 @@ from urproto.robots.model import Joints
 from urproto.vectors import as_six
 from urscript.errors import RuntimeFault
 from urscript.interpreter import Locals
+from urscript.meter import charge
 from urscript.runtime import Runtime, ScriptThread
 
 ResultT = TypeVar("ResultT")
@@ -29,6 +30,7 @@ StepHook: TypeAlias = Callable[["ProgramHost", int, int, ScriptThread], bool]
 
 _logger = logging.getLogger(__name__)
 
+_TIMELESS_WORK: Final = 400  # of a command of the arm for no time, so that a loop of them cannot delay the robot
 _ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
 
 
@@ -113,6 +115,7 @@ class ProgramHost:
         self.label = ""  # the program label reached last
         self._runtime: Runtime | None = None
         self._noted: set[str] = set()
+        self._rushing: tuple[ScriptThread | None, int] = (None, 0)  # who last commanded the arm for no time, and when
 
     def attach(self, runtime: Runtime) -> None:
         """Connect the host to the interpreter that runs its program."""
@@ -204,21 +207,34 @@ class ProgramHost:
             runtime.motion_thread = None
 
     def until_ready(self, move: Move) -> Frames[None]:
-        """Wait until the program may continue after a movement, always for at least one frame.
+        """Wait until the program may continue after a movement, for at least one frame unless it is timeless.
 
         A movement that failed has caused a protective stop; a program that is resumed after it
         ends with an error at the movement.
         """
-        yield
-        while not (move.ready or move.failed):
+        if move.timeless:
+            charge(_TIMELESS_WORK)
+            self._rushing = (self.runtime.current, self.machine.step_count)
+        else:
             yield
+            while not (move.ready or move.failed):
+                yield
         if move.failed is not None:
             raise RuntimeFault(f"the movement failed: {move.failed}")
 
-    def suspend(self, popup: Popup) -> None:
-        """Suspend the whole program, and the arm on its path, until a dialogue is closed."""
+    def rushes(self, thread: ScriptThread) -> bool:
+        """Whether the thread has commanded the arm for no time in this control period."""
+        return self._rushing == (thread, self.machine.step_count)
+
+    def suspend(self, popup: Popup) -> Frames[None]:
+        """Suspend the whole program, and the arm on its path, until a dialogue is closed.
+
+        Other threads keep their share of the program's time while the arm slows down.
+        """
         self.waiting_for = self.remember(popup)
         self.motion.pause()
+        while self.waiting_for is not None:
+            yield
 
     def remember(self, popup: Popup) -> Popup:
         """Keep track of a dialogue, to close it when the program ends."""

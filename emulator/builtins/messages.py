@@ -48,8 +48,7 @@ def popup(
         _popup_text(s), title=title, warning=warning, error=error, blocking=blocking and not host.secondary
     )
     if shown.blocking:
-        host.suspend(shown)
-        yield
+        yield from host.suspend(shown)
 
 
 @LIBRARY.builtin(note="undocumented; URCaps use it")

@@ -148,6 +148,8 @@ def servoj(
 ) -> Frames[None]:
     """Servo to joint angles [rad] that a program updates continuously; blocks for `t` [s], by default one period.
 
+    With `t` = 0, it does not block: a loop without a wait then causes a protective stop.
+
     `lookahead_time` [s] smooths, `gain` sets the stiffness; `a` and `v` are ignored. End with stopj().
     """
     _check_not_negative("servoj", t=0 if t is None else t)
@@ -169,7 +171,8 @@ def servoc(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, r
 def speedj(host: ProgramHost, qd: Joints, a: Num = 1.4, t: Num | None = None) -> Frames[None]:
     """Accelerate the joints with `a` [rad/s2] to the speeds `qd` [rad/s] and hold them.
 
-    Returns after `t` [s]; without `t`, when the speed is reached.
+    Returns after `t` [s]; without `t`, when the speed is reached. If that is at once, a loop without a wait causes a
+    protective stop.
     """
     _check_not_negative("speedj", a=a)
     with host.motion_control() as motion:
@@ -182,8 +185,7 @@ def speedl(
 ) -> Frames[None]:
     """Accelerate the tool to the velocity `xd` (base frame, m/s and rad/s) and hold it.
 
-    `a` [m/s2] and `aRot` [rad/s2], which is `a` when omitted. Returns after `t` [s]; without `t`, when the
-    speed is reached.
+    `a` [m/s2] and `aRot` [rad/s2], which is `a` when omitted. Returns as speedj() does.
     """
     turn_a = a if aRot is None else aRot
     _check_not_negative("speedl", a=a, aRot=turn_a)

@@ -1,8 +1,9 @@
 """State of the running program as a table.
 
 PAUSING and STOPPING last while the arm comes to rest or the script's sockets close, RESUMING a
-tenth of a second while the arm gains speed; SETTLED ends each of them. Names and numbers are
-those of RTDE's runtime-state enumeration. Which events a state ignores is a guess, chosen so
+tenth of a second; SETTLED ends each of them. While PAUSING and RESUMING, the program's time
+slows down and gains its pace again together with the arm (`emulator.motion.program_time`).
+Names and numbers are those of RTDE's runtime-state enumeration. Which events a state ignores is a guess, chosen so
 that pressing a button twice does no harm.
 """
 

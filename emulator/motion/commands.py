@@ -5,6 +5,7 @@ outside the joint limits, not a number) returns a failed Move, and the next peri
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import isfinite
 
 from emulator.motion.blends import Coast, Leaving, blend_into, overlap
@@ -13,10 +14,10 @@ from emulator.motion.faults import MotionFault, MotionWarning, bad_setpoint, sin
 from emulator.motion.generator import Generator
 from emulator.motion.legs import TOOL_LIMITS, ArcLeg, JointLeg, Leg, LineLeg, ToolLeg, circle_through
 from emulator.motion.movement import ActiveMovement, Move
-from emulator.motion.pacing import RAMP_RAD_S2
 from emulator.motion.path_motion import PathMotion
 from emulator.motion.position_limits import PositionLimits
 from emulator.motion.profile import Limits
+from emulator.motion.program_time import RAMP_RAD_S2
 from emulator.motion.reach import singularity
 from emulator.motion.servo import JointServo, ToolServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
@@ -28,7 +29,7 @@ from emulator.motion.wrench_limit import WrenchLimit
 from emulator.robot.drives import TorqueCommand
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO6, all_finite, as_six, largest, norm3, scaled
+from urproto.vectors import ZERO6, all_finite, as_six, largest, lerp, norm3, scaled
 
 _HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes over from an arm in motion (guess)
 _TURN_ACCELERATION_MAX = TOOL_LIMITS.acceleration / 0.25  # rad/s2, at the equivalent radius (guess)
@@ -180,12 +181,13 @@ class MotionCommands:
         """
         displaced = self._superposition.active
         self._superposition.release()
+        self._force_control.slow_down(self._movement.time.pace)
         self._movement.stop(RAMP_RAD_S2 if decel is None else decel, along_path=not displaced)
 
     # streaming
 
     def servoj(self, q: Sequence[float], *, t: float, lookahead_time: float = 0.1, gain: float = 300.0) -> Move:
-        """Follow q for t seconds of program time (at least one period), then keep moving towards it."""
+        """Follow q for t seconds of program time, then keep moving towards it."""
         numbers, target = (*q, t, lookahead_time, gain), as_six(q)
         fault = bad_setpoint("servoj's target") if not all_finite(numbers) else self._limits.outside(target)
         if fault is not None:
@@ -195,7 +197,7 @@ class MotionCommands:
             servo = JointServo(self._target.reach, *self._start())
             self._take_over()
         servo.command(target, t, lookahead_time, gain)
-        return self._begin(servo)
+        return self._begin(servo, timeless=t <= 0.0)
 
     def servoc(self, pose: Sequence[float], *, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Move:
         """Move towards the pose at tool speed v; ready within r of it."""
@@ -215,7 +217,10 @@ class MotionCommands:
         return self._begin(servo)
 
     def speedj(self, qd: Sequence[float], *, a: float, t: float | None = None) -> Move:
-        """Accelerate to joint speeds and hold them; ready after t or, without t, once they are reached."""
+        """Accelerate to joint speeds and hold them; ready after t or, without t, once they are reached.
+
+        For t = 0, or when the arm holds these speeds already, the program does not wait.
+        """
         fault = _not_finite("speedj", qd, a, t)
         if fault is not None:
             return self._refuse(fault)
@@ -228,10 +233,13 @@ class MotionCommands:
             speed = JointSpeed(*self._start())
             self._take_over()
         speed.command(wanted, min(a, *self._target.model.qdd_max), t)
-        return self._begin(speed)
+        return self._begin(speed, timeless=speed.timeless)
 
     def speedl(self, xd: Sequence[float], *, a: float, a_rot: float | None = None, t: float | None = None) -> Move:
-        """Accelerate to a tool velocity in the base frame [m/s, rad/s] and hold it; a_rot defaults to a."""
+        """Accelerate to a tool velocity in the base frame [m/s, rad/s] and hold it; a_rot defaults to a.
+
+        Ready as with speedj.
+        """
         turn_a = a if a_rot is None else a_rot
         fault = _not_finite("speedl", xd, a + turn_a, t)
         if fault is not None:
@@ -245,7 +253,7 @@ class MotionCommands:
             speed = ToolSpeed(self._target.reach, *self._start())
             self._take_over()
         speed.command(wanted, min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX), t)
-        return self._begin(speed)
+        return self._begin(speed, timeless=speed.timeless)
 
     @property
     def _blendable(self) -> bool:
@@ -263,7 +271,7 @@ class MotionCommands:
             return self._refuse(bad_setpoint("direct_torque's torque"))
         generator = self._movement.generator
         if not (isinstance(generator, DirectTorque) and self._streaming):
-            generator = DirectTorque(self._start()[1], respond, lambda: self._movement.ramp)
+            generator = DirectTorque(self._here()[1], respond, lambda: self._movement.ramp)
             self._take_over()
         generator.command(command)
         return self._begin(generator)
@@ -282,7 +290,11 @@ class MotionCommands:
         if not (isfinite(a + turn_a) and a > 0.0 and turn_a > 0.0):
             return self._refuse(bad_setpoint("stopl's deceleration"))
         a, turn_a = min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX)
-        return self._begin(ToolStop(self._target.reach, *self._start(), a, turn_a))
+        (q, qd, late_s), reach, held = self._leaving(), self._target.reach, self._held_speed
+        start = (reach.pose(q), reach.twist(q, qd) if qd != ZERO6 else ZERO6)
+        if isinstance(held, ToolSpeed) and held.reach is reach:
+            start = (held.end.place, scaled(held.end.speed, self._movement.scale))
+        return self._begin(ToolStop(reach, self._target.period_s, start, qd, (a, turn_a), late_s))
 
     # freedrive, and the end of path offsets and tracking
 
@@ -333,7 +345,32 @@ class MotionCommands:
     # beginning a movement
 
     def _start(self) -> tuple[Joints, Joints]:
-        """Position and speed at which a new movement starts: the arm's or, if the path is displaced, the path's.
+        """Position and speed at which a new movement starts, the speed in the program's time."""
+        (q, qd), pace = self._here(), self._movement.time.pace
+        return (q, scaled(qd, 1.0 / pace)) if 0.0 < pace < 1.0 else (q, qd)
+
+    def _leaving(self) -> tuple[Joints, Joints, float]:
+        """Where a stop begins: position, speed in the program's time, and how long ago that was [s].
+
+        A speed that was commanded for a time ends exactly then; other stops begin when the frame was due.
+        """
+        (q, qd), held = self._start(), self._held_speed
+        if isinstance(held, JointSpeed):
+            qd = scaled(held.end.speed, self._movement.scale)
+        if held is not None and held.late_s is not None:
+            with suppress(MotionFault):  # at the end of the tool's reach, the stop begins here
+                return held.joints_at_end(q), qd, held.late_s / self._movement.scale
+        late_s = self._movement.time.late_s
+        return lerp(q, qd, -late_s), qd, late_s
+
+    @property
+    def _held_speed(self) -> JointSpeed | ToolSpeed | None:
+        """The speed that the arm holds, unless it deviates from it."""
+        deviating = self._superposition.active or self._force_control.active
+        return None if deviating else self._movement.held_speed
+
+    def _here(self) -> tuple[Joints, Joints]:
+        """Present position and actual speed: the arm's or, if the path is displaced, the path's.
 
         A deviation left by force mode would remain next to a displaced path for ever, so it first becomes part of it.
         """
@@ -343,19 +380,20 @@ class MotionCommands:
             self._force_control.drop()
         return self._movement.q, self._movement.qd
 
-    def _begin(self, generator: Generator) -> Move:
+    def _begin(self, generator: Generator, *, timeless: bool = False) -> Move:
         """Make this the movement in progress; the wait for the previous one ends."""
-        start = self._start()
+        start = self._here()
         if self._force_control.released and not self._superposition.active:
             self._force_control.drop()  # the movement starts where force mode has left the arm
-        return self._movement.begin(generator, *start)
+        return self._movement.begin(generator, *start, timeless=timeless)
 
     def _take_over(self) -> None:
         """Start a movement of another kind from the arm's present speed."""
         self._movement.take_over(largest(self._start()[1]))
 
     def _stop_joints(self, a: float) -> Move:
-        return self._begin(brake_together(*self._start(), min(a, *self._target.model.qdd_max)))
+        q, qd, late_s = self._leaving()
+        return self._begin(brake_together(q, qd, min(a, *self._target.model.qdd_max), late_s))
 
     def _refuse(self, fault: MotionFault) -> Move:
         """Fail a command that cannot start; the next period causes a protective stop."""

@@ -56,7 +56,7 @@ _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
 _SUDDEN = 5.0  # times a joint's acceleration limit: only a singular arm or a hard contact demands more (guess)
 _MOTION = 3  # kind of task frame
 _STIFF = (False,) * 6
-_BRAKE_DAMPING = 0.25  # of force mode and freedrive when they end or pause: at rest within 0.5 s (guess)
+_BRAKE_DAMPING = 0.25  # of force mode and freedrive when they end: at rest within 0.5 s (guess)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +125,14 @@ class _Loop:
 class Compliance:
     """Turns movements of the nominal arm into movements of the compliant one."""
 
-    def __init__(self, reach: Reach, q: Joints, moved: Joints, task: Task) -> None:
+    def __init__(self, reach: Reach, period_s: float, q: Joints, moved: Joints, task: Task) -> None:
         """``moved``: the joints' displacement in the last period [rad]."""
         self.reach = reach
+        self._period = period_s
         self.task = task
         self.released = False
         self._pose = reach.pose(q)
-        self._speed = ZERO6  # of the compliant motion alone, in the task frame
+        self._speed = ZERO6  # of the compliant motion alone, in the task frame and the program's time
         self._was_compliant: tuple[bool, ...] = (False,) * 6  # directions of the last step
         self._last_step = moved
         self._heading: Vector3 | None = None  # x axis of a task frame of kind 3
@@ -146,6 +147,14 @@ class Compliance:
     def halt(self) -> None:
         """Discard the last step: stay in place, and lose the speed in compliant directions."""
         self._next = (self._pose, ZERO6, ZERO6)
+
+    def hold(self) -> None:
+        """Propose to stay in place for a period in which the program's time stands still."""
+        self._next = (self._pose, self._speed, ZERO6)
+
+    def slow_down(self, share: float) -> None:
+        """Continue at this share of the speed in compliant directions."""
+        self._speed = scaled(self._speed, share)
 
     def comply(self, task: Task) -> None:
         """Start another task, also after a release."""
@@ -177,9 +186,9 @@ class Compliance:
     def step(
         self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: ExternalLoad, damping: float, gain: float
     ) -> Joints:
-        """Propose the joints after dt, while the nominal arm moves from the first to the second of ``nominal``.
+        """Propose the joints after a period, while the nominal arm moves from the first to the second of ``nominal``.
 
-        Raises MotionFault if the arm cannot follow.
+        ``dt``: how much of the program's time passes in this period [s]. Raises MotionFault if the arm cannot follow.
         """
         before, after = nominal
         shift = ZERO6 if before == after else self._shift(before, after)
@@ -194,7 +203,7 @@ class Compliance:
         if moved == ZERO6:
             return q
         pose = pose_add(out_of6(axes, moved), self._pose)
-        target = self._exact_joints(dt, pose, q, alone=before == after, touching=bool(external.contacts))
+        target = self._exact_joints(pose, q, alone=before == after, touching=bool(external.contacts))
         if target is None:
             target, pose, own = self._yield_at_singularity(dt, axes, (pose, own), q, touching=bool(external.contacts))
         self._next = (pose, own, sub(target, q))
@@ -207,9 +216,9 @@ class Compliance:
         self._path = (after, self.reach.pose(after))
         return pose_sub(self._path[1], start)
 
-    def _exact_joints(self, dt: float, pose: Pose, q: Joints, *, alone: bool, touching: bool) -> Joints | None:
+    def _exact_joints(self, pose: Pose, q: Joints, *, alone: bool, touching: bool) -> Joints | None:
         """Joints for this pose. Without a simultaneous movement: None if they cannot get there, or only with a jerk."""
-        model = self.reach.model
+        model, dt = self.reach.model, self._period
         try:
             target = self.reach.joints(pose, q)
             step = sub(target, q)
@@ -237,10 +246,11 @@ class Compliance:
         """Move towards the pose as far as a singular arm can; compliant directions lose the rest, and its speed."""
         pose, own = wanted
         step = self.reach.step_towards(pose, q)
-        sudden = self._peak_change(step) / (_SUDDEN * dt * dt)
+        sudden = self._peak_change(step) / (_SUDDEN * self._period**2)
         if sudden > 1.0 and not touching:
             step = lerp(self._last_step, sub(step, self._last_step), 1.0 / sudden)
-        excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
+        reach_of_period = scaled(self.reach.model.qd_max, self._period)
+        excess = max(abs(move) / most for move, most in zip(step, reach_of_period, strict=True))
         target = lerp(q, step, 1.0 / max(1.0, excess))
         missed = into6(axes, pose_sub(self.reach.pose(target), pose))
         free = [compliant or speed != 0.0 for compliant, speed in zip(self._compliant, own, strict=True)]
@@ -404,6 +414,11 @@ class ForceControl:
         if self._compliance is not None:
             self._compliance.release()
 
+    def slow_down(self, share: float) -> None:
+        """Continue at this share of the speed in compliant directions."""
+        if self._compliance is not None:
+            self._compliance.slow_down(share)
+
     def drop(self) -> None:
         """End compliance immediately; the arm counts as being on its path."""
         self._compliance = None
@@ -411,17 +426,18 @@ class ForceControl:
     def _comply(self, task: Task) -> None:
         if self._compliance is None:
             arm = self._target
-            self._compliance = Compliance(arm.reach, arm.q, scaled(arm.qd, arm.period_s), task)
+            self._compliance = Compliance(arm.reach, arm.period_s, arm.q, scaled(arm.qd, arm.period_s), task)
         else:
             self._compliance.comply(task)
 
     # one control period
 
-    def advance(self, before: Joints, after: Joints, *, running: bool, alone: bool) -> Joints:
+    def advance(self, before: Joints, after: Joints, *, pace: float, pushed: bool, alone: bool) -> Joints:
         """Propose the compliant arm's joints, while the path advances from ``before`` to ``after``.
 
-        ``running``: the movement is not held; while it is, nothing pushes. ``alone``: nothing else moves the arm, so
-        compliance that has ended and come to rest is removed. Raises MotionFault.
+        ``pace``: periods of the program's time in this control period. ``pushed``: whether anything pushes the arm; not
+        while the movement is being stopped. ``alone``: nothing else moves the arm, so compliance that has ended and
+        come to rest is removed. Raises MotionFault.
         """
         compliance, here = self._compliance, self._target.q
         if compliance is None:
@@ -431,8 +447,11 @@ class ForceControl:
             return here
         if self._actual_q is not None and self._actual_q != here:
             compliance.check(self._actual_q)
+        if pace <= 0.0 and after == before:
+            compliance.hold()
+            return here
         try:
-            target = self._compliant_joints(compliance, (before, after), running=running)
+            target = self._compliant_joints(compliance, (before, after), pace, pushed=pushed)
             self._limits.check(target, here)
         except MotionFault:
             if after != before:
@@ -449,11 +468,13 @@ class ForceControl:
         self._compliance.commit()
         return self._compliance.standing()
 
-    def _compliant_joints(self, compliance: Compliance, path: tuple[Joints, Joints], *, running: bool) -> Joints:
+    def _compliant_joints(
+        self, compliance: Compliance, path: tuple[Joints, Joints], pace: float, *, pushed: bool
+    ) -> Joints:
         period_s, q = self._target.period_s, self._target.q
-        if not running:
+        if not pushed or pace <= 0.0:
             damping = max(self.damping, _BRAKE_DAMPING)
             return compliance.step(period_s, q, path, ExternalLoad(ZERO6, ()), damping, 0.0)
         load = ExternalLoad(self._external_wrench, self.contacts)
         damping = max(self.damping, _BRAKE_DAMPING) if compliance.released else self.damping
-        return compliance.step(period_s, q, path, load, damping, self.gain_scaling)
+        return compliance.step(pace * period_s, q, path, load, damping, self.gain_scaling)

@@ -6,6 +6,7 @@ from emulator.motion.faults import MotionFault
 from emulator.motion.movement import ActiveMovement
 from emulator.motion.pacing import Excess
 from emulator.motion.position_limits import PositionLimits
+from emulator.motion.program_time import ProgramTime
 from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import JointStop, StopOrigin
 from emulator.motion.superposition import Superposition
@@ -67,7 +68,7 @@ class Motion:
         They are up to half a control period away from `q`; without a timed speed, they are `q`.
         """
         generator = self.movement.generator
-        if self.deviating or self.paused or not isinstance(generator, JointSpeed | ToolSpeed):
+        if self.deviating or self.time.pace <= 0.0 or not isinstance(generator, JointSpeed | ToolSpeed):
             return self.target.q
         try:
             return generator.joints_at_end(self.target.q)
@@ -124,9 +125,19 @@ class Motion:
         return standing and not self.force_control.active
 
     @property
+    def time(self) -> ProgramTime:
+        """The program's time."""
+        return self.movement.time
+
+    @property
     def paused(self) -> bool:
         """Whether `pause` or a protective stop holds the arm until `resume` (it may still be slowing down)."""
         return self.movement.paused
+
+    @property
+    def slowing(self) -> bool:
+        """Whether the program's time still passes, although a pause or protective stop slows it down with the arm."""
+        return self.movement.slowing
 
     @property
     def braking(self) -> bool:
@@ -176,10 +187,11 @@ class Motion:
     # one control period
 
     def advance(self, fraction: float) -> MotionFault | None:
-        """Advance one control period, with the program's time running at ``fraction`` (0..1).
+        """Advance one control period, with the speed slider at ``fraction`` (0..1).
 
         Returns the fault that ended the movement in this period; the arm is then already braking.
         """
+        self.movement.start_period(self.target.qd, self.target.qdd)
         fault = self.commands.take_refusal()
         if fault is None:
             if self.movement.over and not self.deviating and self.target.rest():
@@ -208,7 +220,8 @@ class Motion:
             start, target = superposition.advance(path)
         if force_control.active:
             alone = movement.generator is None and not superposition.active
-            target = force_control.advance(start, target, running=movement.running, alone=alone)
+            pushed = not movement.stopping
+            target = force_control.advance(start, target, pace=self.time.pace, pushed=pushed, alone=alone)
         if not movement.unconditional:
             self._limits.check(target, self.target.q)
         standing = movement.commit()

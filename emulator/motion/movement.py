@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from emulator.motion.faults import MotionFault
-from emulator.motion.generator import Generator
-from emulator.motion.pacing import RAMP_RAD_S2, Excess, Pacer
+from emulator.motion.generator import Clock, Generator
+from emulator.motion.pacing import Excess, Pacer
 from emulator.motion.path_motion import PathMotion
+from emulator.motion.program_time import RAMP_RAD_S2, ProgramTime
 from emulator.motion.servo import JointServo
 from emulator.motion.speed import JointSpeed, ToolSpeed
 from emulator.motion.stops import JointStop, StopOrigin, ToolStop, brake_together
@@ -20,10 +21,11 @@ _GOVERNED = (PathMotion, JointSpeed, ToolSpeed)  # streamed targets set their ow
 
 @dataclass(slots=True, eq=False)
 class Move:
-    """A commanded movement: its program waits until ``ready`` or ``failed``."""
+    """A commanded movement: its program waits until ``ready`` or ``failed``, or not at all if ``timeless``."""
 
     ready: bool = False  # arrived, blend begun, time over, or replaced by another movement
     failed: MotionFault | None = None
+    timeless: bool = False  # a speed or target for no time: the program continues in the same control period
 
 
 class Holding(Enum):
@@ -38,14 +40,15 @@ class ActiveMovement:
     """The movement in progress, if there is one, and its path.
 
     ``q``, ``qd``: position and speed on the path [rad, rad/s]. They are the arm's target unless the path is displaced
-    or the arm is compliant. ``generator``: None while nothing is in progress. ``ramp``: acceleration of the leading
-    joint for a pause, a stop, or the speed slider [rad/s2].
+    or the arm is compliant. ``generator``: None while nothing is in progress. ``time``: the program's time, in which it
+    takes place. ``ramp``: acceleration of the leading joint for a pause, a stop, or the speed slider [rad/s2].
     """
 
     def __init__(self, model: RobotModel, period_s: float, q: Joints) -> None:
         self.q: Joints = as_six(q)
         self.qd: Joints = ZERO6
         self.generator: Generator | None = None
+        self.time = ProgramTime(period_s)
         self.ramp = RAMP_RAD_S2
         self.excess: Excess | None = None  # by how much a step would exceed the safety system's limits
         self._period_s = period_s
@@ -74,6 +77,11 @@ class ActiveMovement:
         return self._holding is Holding.STOP
 
     @property
+    def slowing(self) -> bool:
+        """Whether the program's time still passes, although a pause slows it down."""
+        return self.paused and self.time.pace > 0.0
+
+    @property
     def over(self) -> bool:
         """Whether no movement is in progress and no stop of the last one either."""
         return self.generator is None and self._holding is not Holding.STOP
@@ -98,9 +106,20 @@ class ActiveMovement:
         """Fraction of a path's speed that the joints' limits permit; 1 for other movements, paced by their sender."""
         return self._pacer.share if isinstance(self.generator, PathMotion) else 1.0
 
+    @property
+    def held_speed(self) -> JointSpeed | ToolSpeed | None:
+        """The speed that is held, unless it stands still."""
+        generator = self.generator
+        return generator if isinstance(generator, JointSpeed | ToolSpeed) and self.scale > 0.0 else None
+
+    @property
+    def scale(self) -> float:
+        """The movement's own time in the program's time."""
+        return self._pacer.scale
+
     # beginning and ending
 
-    def begin(self, generator: Generator, q: Joints, qd: Joints) -> Move:
+    def begin(self, generator: Generator, q: Joints, qd: Joints, *, timeless: bool = False) -> Move:
         """Make this the movement in progress, from here; the wait for the previous one ends.
 
         A stream that continues with its own generator continues from its own state: its path is not moved.
@@ -112,9 +131,8 @@ class ActiveMovement:
             self.put(q, qd)
             self.generator = generator
             self._goal = generator if generator.goal() is not None else None
-        if self.paused:
-            self._quicken_stop()  # a command that arrives in the period of a stop must not soften the stop
-        self._waiting = Move()
+        self._freeze_held_time()
+        self._waiting = Move(timeless=timeless)
         return self._waiting
 
     def take_over(self, speed_rad_s: float) -> None:
@@ -140,12 +158,14 @@ class ActiveMovement:
     def discard(self) -> None:
         """Discard the movement and any pause; its program continues."""
         self._drop()
+        self.time.freeze()
         self._holding = Holding.RUN
 
     def brake(self, stop: JointStop, q: Joints, qd: Joints) -> None:
         """Let this stop alone move the arm, from here; nothing waits for it."""
         self.put(q, qd)
         self.generator = stop
+        self._freeze_held_time()
 
     def _drop(self) -> None:
         self.generator = None
@@ -162,7 +182,7 @@ class ActiveMovement:
 
     def pause(self) -> None:
         """Slow down to a standstill on the path, until `resume`."""
-        self._holding, self.ramp = Holding.PAUSE, RAMP_RAD_S2
+        self._hold(RAMP_RAD_S2)
 
     def resume(self) -> None:
         """Continue after `pause` or `protective_stop`."""
@@ -170,8 +190,16 @@ class ActiveMovement:
 
     def protective_stop(self) -> None:
         """Like `pause`, but as quickly as the joints' acceleration limit allows."""
-        self._holding, self.ramp = Holding.PAUSE, min(self._qdd_max)
-        self._quicken_stop()
+        self._hold(min(self._qdd_max))
+
+    def _hold(self, ramp: float) -> None:
+        self._holding, self.ramp = Holding.PAUSE, ramp
+        self._freeze_held_time()
+
+    def _freeze_held_time(self) -> None:
+        """Nothing of the program may happen while something else brings the arm to rest, or torques can no longer."""
+        if self.paused and self.generator is not None and self.generator.clock is Clock.REAL:
+            self.time.freeze()
 
     def stop(self, deceleration: float, *, along_path: bool) -> None:
         """Bring the movement to rest, the leading joint by this [rad/s2], and discard it.
@@ -180,37 +208,38 @@ class ActiveMovement:
         the movement ends when the arm stands still.
         """
         self.ramp = deceleration
-        if not along_path:
+        if not along_path or self._stops_too_late():
             self.generator = brake_together(self.q, self.qd, deceleration)
+        self._pacer.slow_down(self.time.pace)
+        self.time.run_on()
         self._holding = Holding.STOP if self.generator is not None else Holding.RUN
-        self._quicken_stop()
 
     def use_fastest_ramp(self) -> None:
         """Let the speed change as quickly as the joints can until it has reached its commanded value."""
         if self.running:
             self.ramp = min(self._qdd_max)
 
-    def _quicken_stop(self) -> None:
-        """Make a gentle stop of the program as quick as the one now requested; waits for it continue.
-
-        Stops run in real time and not in stretched time, so holding them would have no effect.
-        """
+    def _stops_too_late(self) -> bool:
+        """Whether a stop of the program is held by a pause, or gentler than the one now requested."""
         stop = self.generator
         if not isinstance(stop, JointStop | ToolStop) or self.unconditional:
-            return
-        if largest(self.qd) < stop.remaining_s * self.ramp:
-            self.generator = brake_together(self.q, self.qd, self.ramp)
+            return False
+        return self.time.pace < 1.0 or largest(self.qd) < stop.remaining_s * self.ramp
 
     # one control period
 
+    def start_period(self, qd: Joints, qdd: Joints) -> None:
+        """Let the program's time pass; the arm had these speeds and accelerations in the last period."""
+        self.time.advance(qd, qdd, held=self.paused, ramp=self.ramp if self.paused else RAMP_RAD_S2)
+
     def propose(self, fraction: float) -> Joints:
-        """Propose the next position on the path, with the program's time running at ``fraction`` (0..1).
+        """Propose the next position on the path, with the speed slider at ``fraction`` (0..1).
 
         Nothing changes until `commit`, so that a check that rejects the proposal can still end the movement where it
         is. Raises MotionFault.
         """
         generator = self.generator
-        target = None if generator is None else self._proposal(generator, fraction if self.running else 0.0)
+        target = None if generator is None else self._proposal(generator, 0.0 if self.stopping else fraction)
         self._proposed = None if target is None else generator
         return self.q if target is None else target
 
@@ -222,20 +251,27 @@ class ActiveMovement:
                 self._drop()
             return True
         moved.commit()
-        if self._waiting is not None and moved.ready:
+        if self._waiting is not None and moved.ready and not self._waiting.ready:
             self._waiting.ready = True
+            if not self._waiting.timeless:
+                self.time.call()
         over = moved.done
         if over:
             self._drop()
         return over
 
-    def _proposal(self, generator: Generator, running: float) -> Joints | None:
-        if not generator.scaled:
+    def _proposal(self, generator: Generator, fraction: float) -> Joints | None:
+        if generator.clock is Clock.REAL:
             return generator.propose(self._period_s, self.q)
+        pace = self.time.pace
+        if pace <= 0.0:
+            return None
+        if generator.clock is Clock.PROGRAM:
+            return generator.propose(pace * self._period_s, self.q)
         if isinstance(generator, JointServo) and self.running:
-            generator.slider(running)
+            generator.slider(fraction)
         excess = self.excess if isinstance(generator, _GOVERNED) else None
-        target = self._pacer.advance(generator, self.q, self.qd, running, self.ramp, excess)
-        if self.running and abs(self._pacer.scale - running) < _SAME_SCALE:
+        target = self._pacer.advance(generator, self.q, self.qd, fraction, self.ramp, excess, pace)
+        if self.running and abs(self._pacer.scale - fraction) < _SAME_SCALE:
             self.ramp = RAMP_RAD_S2  # the quick change is complete; the slider acts gently again
         return target

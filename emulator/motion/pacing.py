@@ -3,7 +3,8 @@
 A movement calculates where the arm is after h seconds of its own time. Normally, h is the control period times the
 speed fraction. It is less
 
-- while the fraction changes, or for a pause: the leading joint's speed then changes by a known acceleration;
+- while the fraction changes: the leading joint's speed then changes by a known acceleration;
+- while the program's time slows down for a pause or gains its pace again (`emulator.motion.program_time`);
 - where a limit of the safety system would be exceeded;
 - where the joints could not follow: near a singularity, a tool path needs more joint speed than there is, so the tool
   slows down in time (`emulator.motion.lookahead`). The movement fails only if no speed is slow enough.
@@ -12,19 +13,18 @@ A shorter h changes when the arm is at a point of its path, never the path itsel
 """
 
 from collections.abc import Callable
-from math import sqrt
 
 from emulator.motion.faults import MotionFault, near_singularity
 from emulator.motion.generator import Generator
 from emulator.motion.lookahead import Lookahead
 from emulator.motion.path_motion import PathMotion
+from emulator.motion.program_time import RAMP_RAD_S2, ramped
 from urproto.robots.model import Joints, RobotModel
 from urproto.vectors import largest, lerp, sub
 
 Excess = Callable[[Joints, Joints], float]
 """From a configuration and a step of one period: the largest ratio of a monitored value to its limit."""
 
-RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
 _ROUNDS = 4  # proposals per period while searching for a step that the joints can follow
 _ATTEMPTS = 18  # further proposals before giving up
 _FIRST_CUT = 0.002  # the first of these shortens a step by this fraction
@@ -65,6 +65,10 @@ class Pacer:
         self.scale, self._pace, self._gain, self._stuck_s = 1.0, pace_rad_s, 0.0, 0.0
         self.share = 1.0
 
+    def slow_down(self, share: float) -> None:
+        """The movement has been running at this share of its speed, for a reason that no longer applies."""
+        self.scale *= share
+
     def advance(
         self,
         movement: Generator,
@@ -73,18 +77,22 @@ class Pacer:
         goal: float,
         ramp: float = RAMP_RAD_S2,
         excess: Excess | None = None,
+        time_pace: float = 1.0,
     ) -> Joints | None:
         """Propose the next configuration, approaching time scale ``goal`` (0..1) within the limits of ``excess``.
 
-        None once the movement has come to a standstill. Raises MotionFault if the joints cannot follow.
+        ``time_pace``: periods of the program's time in this control period, greater than 0; while they are less than 1,
+        that alone changes the speed, and the time scale keeps its value. None once the movement has come to a
+        standstill. Raises MotionFault if the joints cannot follow.
         """
-        requested, goal = goal, self._ramped(goal, ramp)
+        requested, goal = goal, self._ramped(goal, ramp) if time_pace >= 1.0 or self._pace <= 0.0 else self.scale
         self.share = 1.0
         if goal < _TOLERANCE:
             # The pace is kept: the path here is as fast as before, and the ramp when it continues depends on it.
             self.scale = self._gain = 0.0
             return None
-        most = goal * self._period
+        period = time_pace * self._period
+        most = goal * period
         # From here on, the step only becomes shorter. The lookahead comes first: it slows down in time and leaves
         # little to the others. The joints' own limits come last, because nothing may lengthen a step they allow.
         h = self._limited_by_lookahead(movement, q, most) if isinstance(movement, PathMotion) else most
@@ -93,7 +101,7 @@ class Pacer:
         if excess is not None and (too_fast := excess(q, step)) > 1.0 + _TOLERANCE:
             # Ramped as well: a limit that drops suddenly, as in reduced mode, must not jerk the arm. Never down to 0,
             # because at a standstill the excess would not be evaluated any more.
-            h = max(self._ramped(h / self._period / too_fast, ramp), 2.0 * _TOLERANCE) * self._period
+            h = max(self._ramped(h / period / too_fast, ramp), 2.0 * _TOLERANCE) * period
             target = movement.propose(h, q)
             step = sub(target, q)
         if not self._within_limits(step, qd):
@@ -102,9 +110,9 @@ class Pacer:
             if not self._tolerable(step, qd):
                 raise self._fault()
         if h < most:
-            self.share = h / (max(requested, goal) * self._period)
-        self._check_progress(h, goal)
-        self._update_pace(h, largest(step))
+            self.share = h / (max(requested, goal) * period)
+        self._check_progress(h, most)
+        self._update_pace(h, largest(step), period)
         if self._lookahead is not None:
             self._lookahead.advance(h)
         return target
@@ -158,18 +166,7 @@ class Pacer:
         return self._limit_speed(movement, h, target, q)
 
     def _ramped(self, goal: float, ramp: float) -> float:
-        if self._pace <= 0.0 or goal == self.scale:
-            return goal  # a movement that begins at rest accelerates by its own profile
-        if goal > self.scale:
-            return min(goal, self.scale + ramp * self._period / self._pace)
-        # the pace changes along the step itself: speed = scale * (pace + gain * scale * period)
-        speed = self.scale * self._pace - ramp * self._period
-        if speed <= _TOLERANCE * self._pace:
-            return goal
-        root = self._pace**2 + 4.0 * self._gain * self._period * speed
-        if root <= 0.0:
-            return self.scale  # the path itself decelerates by more than the ramp
-        return max(goal, min(self.scale, 2.0 * speed / (self._pace + sqrt(root))))
+        return ramped(self.scale, goal, self._pace, self._gain, ramp * self._period, self._period)
 
     def _bounded_step(self, h: float, requested: tuple[float, float], step: Joints, qd: Joints) -> float:
         """The step nearest to ``requested`` with which joint speeds and their changes stay within limits.
@@ -198,20 +195,20 @@ class Pacer:
             target = movement.propose(h, q)
         raise self._fault()
 
-    def _check_progress(self, h: float, goal: float) -> None:
+    def _check_progress(self, h: float, most: float) -> None:
         """Fail a movement that hardly advances; not immediately, since a reversing joint is slow for a while, too."""
-        if h >= _STUCK_SHARE * goal * self._period:
+        if h >= _STUCK_SHARE * most:
             self._stuck_s = 0.0
             return
         self._stuck_s += self._period
         if self._stuck_s > _STUCK_S:
             raise self._fault()
 
-    def _update_pace(self, h: float, displacement: float) -> None:
+    def _update_pace(self, h: float, displacement: float, period: float) -> None:
         pace = displacement / h
         self._gain = (pace - self._pace) / h
         self._pace = pace
-        self.scale = h / self._period
+        self.scale = h / period
 
 
 def within_speed(step: Joints, qd_max: Joints, period_s: float) -> bool:

@@ -1,6 +1,7 @@
 """The generator of movej, movel, movep and movec: an optional blend, then the leg under its speed profile."""
 
 from emulator.motion.blends import Blend, LegEnd
+from emulator.motion.generator import Clock
 from emulator.motion.legs import JointLeg, Leg, mark_before_end
 from emulator.motion.profile import Profile
 from urproto.robots.model import Joints
@@ -15,7 +16,7 @@ class PathMotion:
     ``ready`` as soon as the TCP is within ``radius_m`` of the goal: from then on, the next move may blend in.
     """
 
-    scaled = True
+    clock = Clock.SCALED
 
     def __init__(self, leg: Leg, radius_m: float = 0.0, blend: Blend | None = None) -> None:
         self.leg = leg

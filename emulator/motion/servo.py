@@ -22,6 +22,7 @@ it is overshot by the part of the braking distance that exceeds the lag (guess).
 from math import exp, inf, sqrt
 
 from emulator.motion.faults import slider_raised
+from emulator.motion.generator import Clock
 from emulator.motion.legs import path_length
 from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
@@ -42,7 +43,7 @@ _ARRIVED_RAD_S = 1e-5
 class JointServo:
     """servoj: follows the newest joint target; keeps its speed from one command to the next."""
 
-    scaled = True
+    clock = Clock.SCALED
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
         self._reach = reach
@@ -145,7 +146,7 @@ class ToolServo:
     Ready within ``radius_m`` of the pose.
     """
 
-    scaled = True
+    clock = Clock.SCALED
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
         self.reach = reach

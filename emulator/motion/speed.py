@@ -15,6 +15,7 @@ planned from there is not off by a fraction of a period.
 from math import inf
 from typing import NamedTuple
 
+from emulator.motion.generator import Clock
 from emulator.motion.reach import Reach
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add
@@ -23,7 +24,7 @@ from urproto.vectors import ZERO6, largest, lerp, norm3, scaled, sub
 _TIME_TOLERANCE = 1e-9  # s
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """``place``: joint angles or a TCP pose; ``speed``: its rate of change."""
 
     place: Joints
@@ -42,15 +43,15 @@ class _Command(NamedTuple):
 class _HeldSpeed:
     """Ready after the command's time or, without one, when the speed is reached; at the earliest after one period."""
 
-    scaled = True
+    clock = Clock.SCALED
 
-    def __init__(self, state: _State) -> None:
+    def __init__(self, state: State) -> None:
         self._now = state
-        self._end: _State | None = None  # state when the command's time ran out within the last period
+        self._end: State | None = None  # state when the command's time ran out within the last period
         self._start, self._owed = state, 0.0  # where the next step begins, and its duration in addition to a period [s]
         self._commands = [_Command(ZERO6, 0.0, 0.0, None)]  # valid one after the other
         self._h = 0.0  # the last step
-        self._next: tuple[_State, _State | None, list[_Command], float] = (state, None, self._commands, 0.0)
+        self._next: tuple[State, State | None, list[_Command], float] = (state, None, self._commands, 0.0)
         self._begun = False
         self._overdue = False  # it was ready before the last period
 
@@ -72,17 +73,30 @@ class _HeldSpeed:
         left = self._commands[-1].left
         return left is not None and self.ready and not self._overdue and left > -self._h
 
-    def _command_end(self) -> _State:
+    @property
+    def timeless(self) -> bool:
+        """Whether the last command takes no time: one for 0 s, or without a time when its speed is reached already."""
+        command = self._commands[-1]
+        return self._now.speed == command.speed if command.left is None else command.left <= 0.0
+
+    @property
+    def late_s(self) -> float | None:
+        """Time since the command's end if that is just now, negative if it is still to come; otherwise None."""
+        left = self._commands[-1].left
+        return -left if self._ending and left is not None else None
+
+    @property
+    def end(self) -> State:
         """State at the command's end if that is just now; else the present state."""
         command = self._commands[-1]
         if not self._ending or command.left is None or abs(command.left) <= _TIME_TOLERANCE:
             return self._now
         return self._end or self._run(self._now, command, command.left)
 
-    def _step(self, h: float) -> _State:
+    def _step(self, h: float) -> State:
         """State h after the last commit."""
         state, duration = self._start, h + self._owed
-        end: _State | None = None
+        end: State | None = None
         commands = list(self._commands)
         while len(commands) > 1 and duration > 0.0:
             first = commands.pop(0)
@@ -101,7 +115,7 @@ class _HeldSpeed:
         self._next = (state, end, commands, h)
         return state
 
-    def _run(self, state: _State, command: _Command, h: float) -> _State:
+    def _run(self, state: State, command: _Command, h: float) -> State:
         """Run a command for h."""
         raise NotImplementedError
 
@@ -132,7 +146,7 @@ class JointSpeed(_HeldSpeed):
     """speedj: all joint speeds change together, the leading one by ``a``, and are then held."""
 
     def __init__(self, q: Joints, qd: Joints) -> None:
-        super().__init__(_State(q, qd))
+        super().__init__(State(q, qd))
 
     def command(self, qd: Joints, a: float, t: float | None) -> None:
         """Set a new target speed [rad/s], acceleration of the leading joint [rad/s2], and duration [s] or None."""
@@ -143,19 +157,19 @@ class JointSpeed(_HeldSpeed):
 
     def joints_at_end(self, q: Joints) -> Joints:
         """Joints at the command's end if that is just now; at present they are at q."""
-        return lerp(q, sub(self._command_end().place, self._now.place), 1.0)
+        return lerp(q, sub(self.end.place, self._now.place), 1.0)
 
-    def _run(self, state: _State, command: _Command, h: float) -> _State:
+    def _run(self, state: State, command: _Command, h: float) -> State:
         change = sub(command.speed, state.speed)
         qd, moved = _changed(state.speed, command.speed, _duration(largest(change), command.a), h)
-        return _State(lerp(state.place, moved, 1.0), qd)
+        return State(lerp(state.place, moved, 1.0), qd)
 
 
 class ToolSpeed(_HeldSpeed):
     """speedl: the tool's velocity changes by ``a`` and ``a_rot`` and is then held."""
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
-        super().__init__(_State(reach.pose(q), reach.twist(q, qd) if qd != ZERO6 else ZERO6))
+        super().__init__(State(reach.pose(q), reach.twist(q, qd) if qd != ZERO6 else ZERO6))
         self.reach = reach
 
     def command(self, xd: Joints, a: float, a_rot: float, t: float | None) -> None:
@@ -168,10 +182,10 @@ class ToolSpeed(_HeldSpeed):
 
     def joints_at_end(self, q: Joints) -> Joints:
         """See JointSpeed. Raises MotionFault if the pose is out of reach."""
-        pose = self._command_end().place
+        pose = self.end.place
         return q if pose == self._now.place else self.reach.follow(pose, q)
 
-    def _run(self, state: _State, command: _Command, h: float) -> _State:
+    def _run(self, state: State, command: _Command, h: float) -> State:
         change = sub(command.speed, state.speed)
         duration, duration_rot = _duration(norm3(*change[:3]), command.a), _duration(norm3(*change[3:]), command.a_rot)
         velocity, moved = _changed(state.speed, command.speed, duration, h)
@@ -179,7 +193,7 @@ class ToolSpeed(_HeldSpeed):
         if duration != duration_rot:
             turning, turned = _changed(state.speed, command.speed, duration_rot, h)
         twist, way = (*velocity[:3], *turning[3:]), (*moved[:3], *turned[3:])
-        return _State(state.place if way == ZERO6 else pose_add(way, state.place), twist)
+        return State(state.place if way == ZERO6 else pose_add(way, state.place), twist)
 
 
 def _duration(change: float, a: float) -> float:

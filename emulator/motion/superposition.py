@@ -1,22 +1,23 @@
 """Displacements added to the path of a movement: path offsets, a tracked frame, a conveyor.
 
 The movement runs on its nominal path and is not affected. Once a period, each source displaces the pose on that path,
-in the order path offset, frame, conveyor. Sources advance in real time, independent of the speed slider; while the
-movement is held (pause, protective stop), they stand still too, and continue from there afterwards.
+in the order path offset, frame, conveyor. Sources are independent of the speed slider. Path offsets, which a program
+commands, advance in its time; frames and conveyors, which move by themselves, in real time. While the movement is held
+(pause, protective stop), they all stand still, and continue from there afterwards.
 
 A new source needs three methods: ``step`` to advance, ``apply`` to displace a pose, and ``undo`` to reverse that.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import exp, radians
+from math import radians
 from typing import Protocol
 
 from emulator.motion.faults import Displacement, MotionFault, displaced_too_fast, sudden_jump
 from emulator.motion.movement import ActiveMovement
 from emulator.motion.reach import Reach
 from emulator.motion.target import ArmTarget
-from emulator.motion.tracking import LEVER_M, FrameTracking
+from emulator.motion.tracking import FrameTracking, Tick
 from urproto.compat import IntEnum
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, axes_of, pose_add, pose_inv, pose_sub, pose_trans
@@ -39,7 +40,6 @@ from urproto.vectors import (
 
 _SAME = 1e-9  # m, rad: a filtered offset this close to the commanded one is set to it (guess)
 _STANDING_M = 1e-9  # a shorter displacement in one period has no direction
-_FADE_S = 0.05  # time constant for undoing the distance coasted in a stop (guess)
 
 
 class OffsetFrame(IntEnum):
@@ -67,25 +67,22 @@ class OffsetSettings:
 
 
 class PathOffset:
-    """The active path offset; zero until one is set."""
+    """The active path offset; zero until one is set, and filtered when it changes."""
 
     def __init__(self, settings: OffsetSettings) -> None:
         self._settings = settings
         self._frame = OffsetFrame.BASE
         self._target: Joints = ZERO6
-        self._filtered: Joints = ZERO6
-        self._coasted: Joints = ZERO6
-        self._speed: Joints = ZERO6  # of the applied offset
         self._applied: Joints = ZERO6
+        self._left = 1.0  # of the frame of the program in which the target is to be reached
         self._path: Pose | None = None
         self._axes: Axes | None = None  # of the MOTION frame
 
     def set(self, offset: Joints, frame: OffsetFrame) -> None:
         """Set another offset [m, rotation vector], from the next period on."""
         if frame is not self._frame:
-            self._filtered = self.get(frame)  # the filter continues from the offset applied now
-            self._coasted, self._frame = ZERO6, frame
-        self._target = self._settings.limited(offset)
+            self._applied, self._frame = self.get(frame), frame  # the filter continues from the offset applied now
+        self._target, self._left = self._settings.limited(offset), 1.0
 
     def get(self, frame: OffsetFrame) -> Pose:
         """The offset applied now, expressed in this frame."""
@@ -100,29 +97,15 @@ class PathOffset:
             return pose_trans(path, pose_inv(there))
         return into6(self._axes or _motion_axes(path, None), pose_sub(there, path))
 
-    def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
+    def step(self, tick: Tick, path: Pose, shift: Joints) -> None:
         self._path = path
         if self._axes is None or norm3(*shift[:3]) > _STANDING_M:
             self._axes = _motion_axes(path, self._axes, shift[:3])
-        if ramp is None:
-            self._follow(dt)
-        else:
-            self._coast(dt, ramp)
-
-    def _follow(self, dt: float) -> None:
-        before, missing = self._applied, sub(self._target, self._filtered)
+        missing = sub(self._target, self._applied)
         near = largest(missing) <= _SAME
-        self._filtered = self._target if near else lerp(self._filtered, missing, self._settings.alpha)
-        if self._coasted != ZERO6:
-            self._coasted = scaled(self._coasted, exp(-dt / _FADE_S)) if largest(self._coasted) > _SAME else ZERO6
-        self._applied = lerp(self._filtered, self._coasted, 1.0)
-        self._speed = scaled_sub(self._applied, before, 1.0 / dt)
-
-    def _coast(self, dt: float, ramp: float) -> None:
-        size = max(norm3(*self._speed[:3]) / LEVER_M, norm3(*self._speed[3:]))
-        self._speed = scaled(self._speed, 1.0 - ramp * dt / size) if size > ramp * dt else ZERO6
-        self._coasted = lerp(self._coasted, self._speed, dt)
-        self._applied = lerp(self._filtered, self._coasted, 1.0)
+        share = min(1.0, tick.pace / self._left)
+        self._applied = self._target if near else lerp(self._applied, missing, self._settings.alpha * share)
+        self._left = self._left - tick.pace if share < 1.0 else 1.0
 
     def apply(self, pose: Pose) -> Pose:
         offset = self._applied
@@ -174,11 +157,10 @@ class Kind(IntEnum):
 class Source(Protocol):
     """One displacement added to the path."""
 
-    def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
+    def step(self, tick: Tick, path: Pose, shift: Joints) -> None:
         """Advance one period, given the path's pose and its change in this period (pose_sub).
 
-        ``ramp``: None while running; otherwise the deceleration of a leading joint [rad/s2] with which to come to a
-        standstill. Raises MotionFault if the source cannot be followed.
+        Raises MotionFault if the source cannot be followed.
         """
 
     def apply(self, pose: Pose) -> Pose:
@@ -316,10 +298,11 @@ class Superposition:
         pose = self._path_pose(reach, path)
         shift = pose_sub(pose, before[2]) if before is not None and before[0] is reach else ZERO6
         self._path = (reach, path, pose)
-        ramp = None if self._movement.running else self._movement.ramp
+        movement = self._movement
+        tick = Tick(self._target.period_s, movement.time.pace, None if movement.running else movement.ramp)
         # In the order of `Kind`: a tracked frame or conveyor moves the offset along.
         for source in self._sources.values():
-            source.step(self._target.period_s, pose, shift, ramp)
+            source.step(tick, pose, shift)
             pose = source.apply(pose)
         start = self.q
         # Converting a pose back to joints has rounding errors, by which an arm at rest must not move.

@@ -1,11 +1,13 @@
 """Direct torque: torques move the joints, and the targets follow the joints.
 
 Each command is valid for one control period. In a period without one (the program is paused, over, or late), the joints
-brake together and come to rest, so that nothing drives an arm without its program.
+brake together and come to rest, so that nothing drives an arm without its program. Torques have no path on which the
+arm could slow down, so a pause holds their program immediately.
 """
 
 from collections.abc import Callable
 
+from emulator.motion.generator import Clock
 from emulator.motion.stops import JointStop, brake_together
 from emulator.robot.drives import TorqueCommand
 from urproto.robots.model import Joints
@@ -19,7 +21,7 @@ TorqueResponse = Callable[[TorqueCommand, Joints, Joints, float], tuple[Joints, 
 class DirectTorque:
     """Movement by torques. ``ramp``: deceleration [rad/s2] of the leading joint when no command arrives."""
 
-    scaled = False
+    clock = Clock.REAL
 
     def __init__(self, qd: Joints, respond: TorqueResponse, ramp: Callable[[], float]) -> None:
         self._qd = qd

@@ -15,7 +15,7 @@ Velocities of the tool are (linear, angular) pairs in the axes of the base.
 
 from collections.abc import Callable
 from math import copysign, hypot, pi, sqrt
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from emulator.motion.faults import conveyor_too_fast, frame_lost, frame_too_fast
 from emulator.motion.legs import TOOL_LIMITS
@@ -35,6 +35,18 @@ _CATCHING_UP_TURN = Limits(_CATCHING_UP.speed / LEVER_M, _CATCHING_UP.accelerati
 _FASTEST_TURN = TOOL_LIMITS.speed / LEVER_M  # rad/s
 _JUMPS_S = 0.02  # a frame that exceeds these speeds for a shorter time has been placed elsewhere (guess)
 _SHORTEST_RADIUS_M = 0.05  # closer to its centre, a rotating conveyor is followed as at this radius
+
+
+class Tick(NamedTuple):
+    """One control period of ``dt`` seconds, in which ``pace`` periods of the program's time pass.
+
+    ``ramp``: None while the movement runs; otherwise the deceleration of a leading joint [rad/s2] with which whatever
+    moves by itself has to come to a standstill.
+    """
+
+    dt: float
+    pace: float
+    ramp: float | None
 
 
 class Follower:
@@ -110,16 +122,16 @@ class _Conveyor:
         """How far the path has moved along with the conveyor [m or rad]."""
         return self._follower.position
 
-    def _advance(self, dt: float, radius: float, ramp: float | None) -> None:
+    def _advance(self, tick: Tick, radius: float) -> None:
         """Advance one period. ``radius``: metres that a unit of position moves the tool."""
         rate = self._belt.speed / self._ticks
-        if ramp is not None:
-            self._follower.brake(dt, ramp * LEVER_M / radius)
+        if tick.ramp is not None:
+            self._follower.brake(tick.dt, tick.ramp * LEVER_M / radius)
             return
         if abs(rate) * radius > TOOL_LIMITS.speed:
             raise conveyor_too_fast(rate * radius, TOOL_LIMITS.speed)
         bounds = Limits(_CATCHING_UP.speed / radius, _CATCHING_UP.acceleration / radius)
-        self._follower.follow(dt, (self._belt.travel - self._origin) / self._ticks, rate, bounds)
+        self._follower.follow(tick.dt, (self._belt.travel - self._origin) / self._ticks, rate, bounds)
 
 
 class LinearConveyor(_Conveyor):
@@ -129,8 +141,8 @@ class LinearConveyor(_Conveyor):
         super().__init__(belt, ticks_per_meter)
         self._direction = unit(direction, (1.0, 0.0, 0.0))
 
-    def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
-        self._advance(dt, 1.0, ramp)
+    def step(self, tick: Tick, path: Pose, shift: Joints) -> None:
+        self._advance(tick, 1.0)
 
     def apply(self, pose: Pose) -> Pose:
         return pose_add(self._shift(self.position), pose)
@@ -152,8 +164,8 @@ class CircularConveyor(_Conveyor):
         self._axis = axes_of(center)[2]
         self._rotate_tool = rotate_tool
 
-    def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
-        self._advance(dt, max(self._radius(path), _SHORTEST_RADIUS_M), ramp)
+    def step(self, tick: Tick, path: Pose, shift: Joints) -> None:
+        self._advance(tick, max(self._radius(path), _SHORTEST_RADIUS_M))
 
     def _radius(self, pose: Pose) -> float:
         out = (pose[0] - self._center[0], pose[1] - self._center[1], pose[2] - self._center[2])
@@ -185,7 +197,8 @@ class FrameTracking:
         self._tool: Vector3 = (0.0, 0.0, 0.0)  # position of the tool at that time
         self._too_fast_s = 0.0
 
-    def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
+    def step(self, tick: Tick, path: Pose, shift: Joints) -> None:
+        dt, ramp = tick.dt, tick.ramp
         before, moved = self._frame, self._update_frame()
         if not moved and self._velocity == ZERO6 and (ramp is not None or self._applied == self._target):
             return

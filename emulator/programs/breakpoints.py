@@ -16,10 +16,13 @@ _BRANCHES: Final = ("Thread_if_", "Thread_while_")  # the main program while an 
 
 
 class Breakpoints:
-    """Breakpoints. numbers: of the nodes. armed: whether labels need checking. pause: called with the reason."""
+    """Breakpoints. numbers: of the nodes. armed: whether labels need checking.
 
-    def __init__(self, pause: Callable[[str], object]) -> None:
-        self._pause = pause
+    pause: called with the reason. paused: whether the program is paused, or slowing down together with the arm.
+    """
+
+    def __init__(self, pause: Callable[[str], object], paused: Callable[[], bool]) -> None:
+        self._pause, self._paused = pause, paused
         self._stepping = False
         self._held = set[int]()  # handles of held threads, which check again
         self._behind = dict[int, int]()  # per thread, the node whose end it has not reached
@@ -51,6 +54,8 @@ class Breakpoints:
     def hold(self, number: int, option: str, thread: ScriptThread) -> bool:
         """Whether a thread at this label has to wait; if so, pause the program."""
         if thread.id in self._held:
+            if self._paused():
+                return True
             self._held.discard(thread.id)
             self._note_behind(number, option, thread)
             self._arm()

@@ -178,7 +178,7 @@ class Programs:
         self.view: ProgramView | None = None
         self.socket_backend: ScriptSocketBackend = NoNetwork()
         self.step_hook: StepHook | None = None
-        self.breakpoints = Breakpoints(self.pause)
+        self.breakpoints = Breakpoints(self.pause, lambda: self.paused)
         self.start_held = self.frames_held = False
         self.watchdogs = Watchdogs()
         self.history = MotionHistory(machine.period_s)
@@ -382,7 +382,7 @@ class Programs:
         self._start_next()
         # Secondary programs run before the main one, which sees their changes in the same period.
         self._secondary.run(self._host)
-        if self.state is RuntimeState.PLAYING:
+        if self._frame_is_due():
             self._run_main()
 
     @property
@@ -445,6 +445,7 @@ class Programs:
         self.breakpoints.program_started()
         self._event(RunEvent.START)
         self._machine.speed.program_started()
+        self._machine.motion.time.restart()
         self.outputs.program_started()
         self.modbus.program_started()
         self._machine.messages.key(PROGRAM_STARTED, program.name)
@@ -458,20 +459,27 @@ class Programs:
         main, host = self._main, self._host
         assert main is not None
         assert host is not None
-        if self.frames_held or self._suspended(host):
+        if self.frames_held:
             return
         main.step()
         if main.error is not None:
             self._machine.messages.runtime_exception(main.error.line, main.error.column, main.error.message)
         if main.parked is not None:
-            watch(main, main.parked, self._machine)
+            watch(main, main.parked, self._machine, rushes=host.rushes(main.parked))
         if main.finished and self._event(RunEvent.FINISH):
             self._end()
 
-    def _suspended(self, host: ProgramHost) -> bool:
+    def _frame_is_due(self) -> bool:
+        """Whether the program's time has reached its next frame. A pause slows it down together with the arm."""
+        motion = self._machine.motion
+        if self.state is RuntimeState.PAUSING or (self.state in _RUNNING and self._suspended()):
+            return motion.slowing and motion.time.frame()
+        return self.state in _RUNNING and motion.time.frame()
+
+    def _suspended(self) -> bool:
         """Whether a blocking popup holds the program; the arm waits on its path."""
-        popup = host.waiting_for
-        if popup is None:
+        host = self._host
+        if host is None or (popup := host.waiting_for) is None:
             return False
         if popup.open:
             return True

@@ -181,8 +181,10 @@ def test_a_safety_stop_does_not_wait_for_a_programs_gentle_stop(rig, stop, event
     if event is SafetyEvent.PROTECTIVE_STOP:
         rig.controller.safety_event(SafetyEvent.UNLOCK)
         rig.controller.programs.resume()
-        rig.seconds(0.1)
-        assert rig.controller.programs.variables["stopped"] is True
+        rig.seconds(0.2)
+        assert max(rig.controller.snapshot.target_qd) > 0.5  # the stop continues where it was held
+        rig.until(lambda: "stopped" in rig.controller.programs.variables, 60.0)
+        assert rig.controller.snapshot.target_qd == (0.0,) * 6
 
 
 def test_stopping_a_program_does_not_wait_for_its_gentle_stop(rig):

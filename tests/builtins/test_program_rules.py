@@ -113,3 +113,35 @@ def test_a_secondary_program_that_does_not_compile_is_a_runtime_exception(rig):
     (exception,) = rig.exceptions
     assert (exception.line, exception.text) == (2, "compile_error_name_not_found:no_such_thing:")
     assert rig.keys == []
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "speedl([0, 0, 0.02, 0, 0, 0], 0.25, 0)",
+        "speedl([0, 0, 0.02, 0, 0, 0], 0.25)",  # what ur_rtde sends for a time of 0
+        "speedj([0.1, 0, 0, 0, 0, 0], 1, 0)",
+        "speedj([0.1, 0, 0, 0, 0, 0], a=1)",
+        "servoj([0, -1.5, 1.5, -1.6, -1.57, 0], t=0)",
+    ],
+)
+def test_commands_for_no_time_in_a_loop_without_a_wait_stop_the_arm(rig, command):
+    """Public reports of ur_rtde's speedL with a time of 0: C271A1 and a protective stop."""
+    rig.start(f"thread moves():\n  while True:\n    {command}\n  end\nend\nh = run moves()\njoin h")
+    rig.until(lambda: rig.controller.snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP, 2.0)
+    assert errors(rig)[-1] == (271, 1)
+
+
+@pytest.mark.parametrize("command", ["speedl([0, 0, 0.02, 0, 0, 0], 0.25, 0)", "speedj([0.1, 0, 0, 0, 0, 0], 1, 0)"])
+def test_a_speed_for_no_time_is_held_while_the_program_waits(rig, command):
+    rig.run(f"n = 0\nwhile n < 600:\n  {command}\n  n = n + 1\n  sync()\nend\nglobal qd = get_target_joint_speeds()")
+    assert errors(rig) == []
+    assert rig.q != pytest.approx((0.0, -1.5, 1.5, -1.6, -1.57, 0.0), abs=0.01)
+
+
+def test_a_command_for_no_time_lets_the_program_continue_at_once(rig):
+    took = rig.run("speedj([0.1, 0, 0, 0, 0, 0], 1, 0)\nspeedj([0.2, 0, 0, 0, 0, 0], 1, 0)\nset_digital_out(0, True)")
+    assert took < 0.1
+    rig.start("speedj([0.1, 0, 0, 0, 0, 0], 1, 0)\nn = 1\nsleep(1)")
+    rig.until(lambda: rig.controller.programs.variables.get("n") == 1, 1.0)
+    assert rig.controller.snapshot.target_qd[0] <= 1.0 * rig.period

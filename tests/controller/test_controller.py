@@ -564,7 +564,7 @@ def test_at_rest_everything_but_time_energy_and_temperature_is_bit_stable(ready)
 
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
 def test_every_interface_can_see_that_a_program_resumes(make, model):
-    """Also one that reports ten states per second: the program continues only then, the arm immediately."""
+    """Also one that reports ten states per second; program and arm continue immediately."""
     rig = make(model, running=True)
     rig.script(LONG_MOVE)
     rig.until(is_state(RuntimeState.PLAYING))

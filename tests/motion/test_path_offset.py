@@ -7,11 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulator.motion.superposition import OffsetFrame, OffsetSettings, PathOffset
+from emulator.motion.tracking import Tick
 from tests.budget import examples
 from urproto.robots.pose import pose_add, pose_inv, pose_trans, rotvec_to_matrix
 
 BASE, TCP, MOTION, WORLD = OffsetFrame
 ZERO = (0.0,) * 6
+TICK = Tick(0.002, 1.0, None)
 LIFT = (0.0, 0.0, 0.01, 0.0, 0.0, 0.0)
 SLANTED = (0.006, -0.004, 0.005, 0.03, -0.02, 0.05)
 
@@ -94,16 +96,16 @@ OFFSETS = st.tuples(*[st.floats(-0.1, 0.1)] * 3, *[st.floats(-0.5, 0.5)] * 3)
 @settings(max_examples=examples(25))
 def test_an_offset_can_be_undone_and_read_in_every_frame(path, offset, frame, shift):
     source = PathOffset(OffsetSettings())
-    source.step(0.002, path, shift, None)
+    source.step(TICK, path, shift)
     source.set(offset, frame)
-    source.step(0.002, path, shift, None)
+    source.step(TICK, path, shift)
     there = source.apply(path)
     assert same(source.undo(there), path)
     for other in OffsetFrame:
         reference = PathOffset(OffsetSettings(translation_limit=9.0, rotation_limit=9.0))
-        reference.step(0.002, path, shift, None)
+        reference.step(TICK, path, shift)
         reference.set(source.get(other), other)
-        reference.step(0.002, path, shift, None)
+        reference.step(TICK, path, shift)
         assert same(reference.apply(path), there)
 
 

@@ -128,7 +128,7 @@ def test_an_arm_that_was_powered_off_in_contact_can_be_moved_away(make):
     rig.post(SetSafetyDevice(SafetyDevice.EMERGENCY_STOP, True))
     rig.until(lambda: rig.now.robot_mode is RobotMode.POWER_OFF, 5.0)
     rig.post(SetSafetyDevice(SafetyDevice.EMERGENCY_STOP, False))
-    ask(rig, "stop")  # the stopped program is paused, and another one would only end it
+    rig.controller.programs.stop()  # it is paused, and another one would only end it
     ask(rig, "brake release")
     rig.until(lambda: rig.now.robot_mode is RobotMode.RUNNING, 60.0)
     rig.seconds(1.0)
