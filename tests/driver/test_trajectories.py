@@ -7,8 +7,10 @@ from driver_rig import HOME, PATIENCE_S
 
 from client.driver import points
 from client.errors import NoAnswerError
+from emulator.lifecycle.safety import SafetyEvent
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import MotionType, TrajectoryPoint, TrajectoryResult
+from urproto.modes import RuntimeState
 
 SUCCESS, CANCELED, FAILURE = TrajectoryResult
 ONE_ROBOT = pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
@@ -93,6 +95,28 @@ async def test_splines_pass_through_their_points(pair, quintic):
     assert max(speed for _, speed in seen) < 0.4
     middle = [speed for way, speed in seen if 0.095 < way < 0.205]
     assert min(middle) > 0.1, "no stop between the segments"
+
+
+@pytest.mark.parametrize("braked_by", ["pause", "protective stop"])
+async def test_a_pause_does_not_move_the_end_of_a_spline(pair, braked_by):
+    """Reported: splines that were paused ended 0.04 rad away, and the result was SUCCESS."""
+    controller = pair.robot.controller
+    way = [points.spline(off(0.2), (0.3, 0, 0, 0, 0, 0), 0.5), points.spline(off(0.4), (0.0,) * 6, 0.5)]
+    assert await pair.driver.execute(way) is SUCCESS
+    undisturbed = pair.q
+    assert await pair.driver.execute([points.movej(HOME, duration_s=1.0)]) is SUCCESS
+    executed = asyncio.ensure_future(pair.driver.execute(way))
+    await pair.until(lambda: pair.snapshot.target_qd[0] > 0.3)
+    if braked_by == "pause":
+        controller.programs.pause()
+    else:
+        controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
+    await pair.until(lambda: controller.programs.state is RuntimeState.PAUSED)
+    await pair.periods(100)
+    controller.safety_event(SafetyEvent.UNLOCK)
+    assert controller.programs.resume()
+    assert await executed is SUCCESS
+    assert pair.distance(undisturbed) < 1e-6
 
 
 async def test_a_spline_may_begin_where_the_arm_stands(pair):
