@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from enum import Enum
 
-# Report codes and arguments. Their meaning is that of the vendor's error table (as copied in a public RTDE library); when
-# a controller reports them is stated, with its source, at each fault below.
+# Report codes and arguments. Their meaning is that of the vendor's error table (as copied in a public RTDE library);
+# when a controller reports them is stated, with its source, at each fault below.
 _CLOSE_TO_JOINT_LIMIT = 150  # "position close to joint limits"
 _POSITION_DEVIATES = 153  # "position deviates from path"
 _IN_SINGULARITY = 154  # "position in singularity"
