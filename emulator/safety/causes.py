@@ -1,7 +1,10 @@
 """All causes of reactions of the safety system: description, report code, effect, and recovery.
 
 Stop category, safety mode, robot mode and the effect on the program follow from the safety event by the tables of
-`emulator.lifecycle.safety`. Source of the codes and their meaning: error table of the vendor's public C++ libraries.
+`emulator.lifecycle.safety`. Source of the codes and their meaning: the vendor's error table, as copied in public
+libraries, in whose terms C150 is "position close to joint limits", C153 "position deviates from path", C154 "position
+in singularity", C157 "collision detected by joint", C191 "safety system violation". Seen by users: C153 and C157 (the
+vendor's note on protective stops, and many others), C154A0 (URSim 5.12, 5.26), C204A3 (UR5e, UR3), C403A0 (UR5e 5.8).
 For those marked as a guess there is no public example.
 """
 
@@ -155,7 +158,7 @@ class Cause(Enum):
     WORLD_FAILURE = _protective(
         what="the world around the arm can no longer be computed (--physics)", code=116, argument=1
     )  # code: guess, as for a failure of the emulator
-    PROGRAM = _protective(what="protective_stop() of a program", code=209)
+    PROGRAM = _protective(what="protective_stop() of a program", code=209)  # "triggered, for test purposes only"
 
     JOINT_POSITION_VIOLATION = _violation(what="joint position limit", argument=1)
     JOINT_SPEED_VIOLATION = _violation(what="joint speed limit", argument=32, per_joint=True)

@@ -54,6 +54,9 @@ class Port(Protocol):
     connections: "list[Connection]"
 
     @property
+    def port(self) -> int: ...
+
+    @property
     def robot_time_s(self) -> float: ...
 
     def client_connected(self, connection: "Connection") -> None: ...
