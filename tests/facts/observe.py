@@ -19,7 +19,7 @@ from urproto.primary.state import encode_robot_state
 from urproto.robots import load_model
 
 OBSERVATIONS: dict[str, Callable[[Situation], str]] = {}
-_PATIENCE = 1500  # control periods
+_PATIENCE = 6000  # control periods: an endless loop is stopped after ten seconds
 
 
 def observation(name: str) -> Callable[[Callable[[Situation], str]], Callable[[Situation], str]]:

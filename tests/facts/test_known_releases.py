@@ -1,11 +1,15 @@
 """An emulator of each known release starts: all of its ports answer as clients expect, or do not exist yet."""
 
+import io
+
 import pytest
+from rich.console import Console
 
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
 from emulator.readiness import check_ready
+from emulator.serve import first_screen
 from urproto.facts import known_releases
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion, Series
@@ -20,4 +24,6 @@ async def test_every_port_answers(release: PolyscopeVersion) -> None:
     controller = ControllerConfig(model=load_model(MODEL[release.series]), version=release)
     async with Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True, speed=FASTER)) as emulator:
         await check_ready(HOST, emulator.ports)
+        screen = Console(file=io.StringIO(), width=150)
+        screen.print(first_screen(emulator))
         assert ("rtde" in emulator.ports) == (release >= PolyscopeVersion(3, 2))
