@@ -46,6 +46,7 @@ from urproto.compat import Self
 from urproto.dashboard import AVAILABLE as DASHBOARD
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
+from urproto.rtde.fields import AVAILABLE as RTDE
 
 if TYPE_CHECKING:
     from emulator.physics.world import PhysicsWorld
@@ -342,11 +343,12 @@ def make_servers(controller: Controller, *, tool_line: bool = False, cameras: bo
         primary("primary", read_only=False),
         PrimaryServer("secondary", controller, state, messages=False, read_only=False),
         RealtimeServer("realtime", controller, read_only=False),
-        RTDEServer(controller),
         primary("primary read-only", read_only=True),
         PrimaryServer("secondary read-only", controller, state, messages=False, read_only=True),
         RealtimeServer("realtime read-only", controller, read_only=True),
     )
+    if RTDE.covers(controller.version):
+        servers = (*servers, RTDEServer(controller))
     if INTERPRETER_MODE.covers(controller.version):
         servers = (*servers, InterpreterServer(controller))
     if tool_line:

@@ -108,6 +108,7 @@ def configure(
         Personality,
         typer.Option(
             "--as",
+            "--personality",
             help="ursim: what a simulator of this model and version reports (serial number, start pose, voltages, no "
             "boot); arm: what a real arm does. How the arm moves is --arm.",
         ),
@@ -268,6 +269,9 @@ app.command("fleet", cls=Deferred, help="Run many robots on this machine, each o
 app.command(
     "campaign", cls=Deferred, help="Run programs or tests many times in virtual time, on all cores or a cluster."
 )(load_from("emulator.campaign.command:app"))
+app.command("facts", cls=Deferred, help="Print what is known and what is guessed about a PolyScope version.")(
+    load_from("emulator.facts_command:app")
+)
 app.command("ctl", cls=Deferred, help="Use the control API of a running emulator: inputs, buttons, faults, time.")(
     load_from("emulator.ctl:app")
 )

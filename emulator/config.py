@@ -23,13 +23,14 @@ from emulator.world.file import read_world
 from emulator.world.world import Plan, WorldError
 from urproto import robots
 from urproto.dashboard import AVAILABLE as DASHBOARD_SERVER
-from urproto.facts import Personality, availability
+from urproto.facts import Personality
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
 from urproto.robotapi import WEB_SERVER
 from urproto.robots import Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints
+from urproto.rtde.fields import AVAILABLE as RTDE
 from urproto.text import quoted
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -75,7 +76,7 @@ _FIRST_VERSION: Final = {  # the other ports are as old as the series
     "interpreter": INTERPRETER_MODE,
     "dashboard": DASHBOARD_SERVER,
     "robot api": WEB_SERVER,
-    "rtde": availability("service.rtde"),
+    "rtde": RTDE,
 }
 _LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"

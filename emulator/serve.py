@@ -125,6 +125,8 @@ def _local_address(emulator: Emulator) -> str:
 def _first_steps(emulator: Emulator) -> Text:
     host = _local_address(emulator)
     steps = f"  {_dashboard_line(emulator)}\n"
+    if "rtde" not in emulator.ports:
+        return Text(f"{steps}  ur_rtde needs RTDE, which this version does not have yet")
     if emulator.config.wanted_ports["rtde"] != PORTS["rtde"]:
         return Text(
             f"{steps}  ur_rtde connects to the usual ports only: give each of several robots its own --host 127.0.0.x"

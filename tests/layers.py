@@ -22,7 +22,7 @@ EMULATOR_LEVELS = (
     ("faults", "robotapi"),
     ("control",),
     ("config", "readiness"),
-    ("app", "batch", "script_peers", "check", "ctl", "learning"),
+    ("app", "batch", "script_peers", "check", "ctl", "facts_command", "learning"),
     ("serve", "script_run"),
     ("run_command", "cli"),
     ("fleet", "campaign"),

@@ -83,6 +83,7 @@ THIRD_PARTY = {
         "emulator.check",
         "emulator.cli",
         "emulator.ctl",
+        "emulator.facts_command",
         "emulator.campaign.command",
         "emulator.fleet.command",
         "client.cli",

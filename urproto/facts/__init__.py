@@ -9,7 +9,10 @@ Code that needs such a value asks for it by name, so that a better source is an 
 ``ur-emulator facts --polyscope 5.11.9`` prints what holds for a version.
 """
 
-from urproto.facts.ledger import (
+from urproto.facts.description import description
+from urproto.facts.releases import Release, known_releases, release_of
+from urproto.facts.scope import Personality, Scope, Situation, parse_scope
+from urproto.facts.tables import (
     Certainty,
     Fact,
     UnknownFactError,
@@ -21,8 +24,6 @@ from urproto.facts.ledger import (
     ledger,
     rows,
 )
-from urproto.facts.releases import Release, known_releases, release_of
-from urproto.facts.scope import Personality, Scope, Situation, parse_scope
 
 __all__ = [
     "Certainty",
@@ -34,6 +35,7 @@ __all__ = [
     "UnknownFactError",
     "availability",
     "code_of",
+    "description",
     "facts_for",
     "find",
     "known",

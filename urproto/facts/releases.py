@@ -10,8 +10,8 @@ from functools import cache
 from itertools import chain
 from typing import Final, NamedTuple
 
-from urproto.facts.ledger import Certainty, Fact, availability, rows
 from urproto.facts.scope import line_of
+from urproto.facts.tables import Certainty, Fact, availability, rows
 from urproto.versions import PolyscopeVersion
 
 _MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")

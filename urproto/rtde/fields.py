@@ -16,9 +16,12 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, Final
 
+from urproto.facts import availability
 from urproto.rtde.types import FieldType
 from urproto.versions import Availability, PolyscopeVersion
 
+AVAILABLE: Final = availability("service.rtde")
+"""Versions that serve RTDE."""
 MAX_TIMESTAMP_S: Final = 1e9
 """No robot has been on for so long, so a larger ``timestamp`` is not a valid time; guess."""
 
