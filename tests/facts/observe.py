@@ -8,9 +8,11 @@ from emulator.commands.requests import DashboardLine, RefusedScript, ScriptUnit
 from emulator.config import EmulatorConfig
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
+from emulator.programs.loading import DRIVER_PROGRAMS
 from emulator.servers.primary import greeting
 from emulator.servers.primary_state import robot_state
 from emulator.servers.rtde_session import RTDEHost, RTDESession
+from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot
 from urproto.facts import Situation
 from urproto.modes import SafetyMode
@@ -158,6 +160,24 @@ def _current(situation: Situation) -> str:
 def _voltages(situation: Situation) -> str:
     below = (48.0 - volts for volts in _running(situation).snapshot.actual_joint_voltage)
     return "below the supply" if all(0.1 < drop < 0.3 for drop in below) else "others"
+
+
+@observation("play in local control")
+def _play(situation: Situation) -> str:
+    config = _config(situation, running=True, external_control=DriverAddress("127.0.0.1", 1))
+    controller, answers = Controller(config), list[Any]()
+    controller.programs.load_file(DRIVER_PROGRAMS / "external_control.urp")
+    controller.post(DashboardLine("play"), answers.append)
+    controller.tick()
+    return str(answers[0]) if answers else "program requested"
+
+
+@observation("code of an RTDE watchdog")
+def _watchdog(situation: Situation) -> str:
+    controller = _running(situation)
+    text = 'def watched():\n  rtde_set_watchdog("input_int_register_0", 10, "stop")\n  sleep(9)\nend\n'
+    controller.post(ScriptUnit(text, "block"))
+    return _last_code(controller)
 
 
 @observation("code of protective_stop()")

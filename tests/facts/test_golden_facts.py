@@ -19,7 +19,6 @@ ROWS = [line.split("\t") for line in GOLDEN.read_text().splitlines() if not line
 # facts that an emulator does not show, or shows in tests elsewhere
 NOT_OBSERVED = {
     "primary.singularity": "no capture contains the sub-package, so it is not sent",
-    "code.rtde_watchdog": "the tests of the RTDE watchdog",
 }
 
 

@@ -22,8 +22,7 @@ def description(situation: Situation) -> Iterator[Fact]:
     for name, (first, *_) in ledger().items():
         if first.table == "releases":
             continue
-        fact = known(name, situation)
-        if fact is not None:
-            yield fact._replace(doc=first.doc)
+        if (found := known(name, situation)) is not None:
+            yield found._replace(doc=first.doc)
         elif first.value == _PRESENT:
             yield first._replace(value=_ABSENT)
