@@ -83,3 +83,13 @@ def test_a_client_cannot_flood_the_log_with_ever_new_reasons(lines):
     for number in range(1000):
         log.report(ORIGIN, f"line {number}, column 1: syntax error")
     assert len(lines()) == 21
+
+
+def test_a_hostile_script_is_shown_on_one_printable_line(make, lines):
+    send(make("ur5e", running=True), "def wrong():\n  x = \udcab\x1b[2J\r(\nend\n")
+    RefusalLog(lambda: 0.0).report("the loaded program \udcab", "1\n2\x1b" + "x" * 10_000)
+    assert len(lines()) == 2
+    for line in lines():
+        assert line.isprintable()
+        assert len(line) < 600
+        line.encode()
