@@ -127,10 +127,10 @@ async def test_rtde_stops_warning_once_the_arm_was_switched_on(robot: Start) -> 
     emulator = await robot()
     async with client(emulator) as api:
         server = emulator.servers["rtde"]
-        assert not server.host.safety_confirmed  # type: ignore[attr-defined]
+        assert server.host.never_on  # type: ignore[attr-defined]
         for action in ("POWER_ON", "POWER_OFF"):
             assert await put(api, "/robotstate/v1/state", action=action) == 200
-        assert server.host.safety_confirmed  # type: ignore[attr-defined]
+        assert not server.host.never_on  # type: ignore[attr-defined]
 
 
 async def test_an_unrunnable_program_is_refused_naming_its_node_and_changes_nothing(robot: Start) -> None:

@@ -17,8 +17,8 @@ def description(situation: Situation) -> Iterator[Fact]:
     What a version does not have yet is there with the value ``no``, and as certain as its first version.
     """
     release = release_of(situation.version)
-    for fact in (release.build, release.day, release.compiled, release.control_build):
-        yield fact._replace(doc=rows(fact.name)[0].doc)
+    for stated in (release.build, release.day, release.compiled, release.control_build):
+        yield stated._replace(doc=rows(stated.name)[0].doc)
     for name, (first, *_) in ledger().items():
         if first.table == "releases":
             continue

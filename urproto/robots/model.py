@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from urproto.compat import Self, load_toml
+from urproto.facts import Situation, find
 from urproto.robots.drivetrain import Drivetrain
 from urproto.vectors import Vector3, Vector6
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -21,11 +22,8 @@ from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 Joints = Vector6
 """One number for each joint: base, shoulder, elbow, wrist 1, wrist 2, wrist 3."""
 
-START_Q: Final[Joints] = (-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310)
-"""Initial joint angles of an emulated arm [rad], as in URSim: tool down, away from singularities.
-
-Recorded from URSim with a UR5 (hermajul/ur-rtde); that it starts the other arms there too is a guess.
-"""
+START_Q: Final[Joints] = find("start_q", Situation(DEFAULT_VERSION[Series.CB3], "ur5")).six
+"""Joint angles at which URSim starts a UR5 [rad]: tool down, away from singularities."""
 
 UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)
 """Gravity for an upright base [m/s2]: the value in the Script Manual's set_gravity example."""
