@@ -106,6 +106,8 @@ RUNTIME_ERRORS = [
     ("def f():\n  x = True\n  x = 1\nend", 3, 3, "exected type 'Bool' but found 'Int'"),
     # seen, cut short: "Type error: str_sub takes exact..."
     ('def f():\n  a = str_len("a", 1, 2)\nend', 2, 7, "Type error: str_len takes exactly 1 arguments (3 given)"),
+    ('def f():\n  a = str_sub("abc")\nend', 2, 7, "Type error: str_sub takes at least 2 arguments (1 given)"),
+    ("def f():\n  assert(1 == 2)\nend", 2, 3, "assert: the condition is False"),
     ("def f():\n  movej()\nend", 2, 3, "Type error: movej takes at least 1 arguments (0 given)"),
     ("def f():\n  movej([0,0,0,0,0,0], w=1)\nend", 2, 3, "Type error: movej has no argument called 'w'"),
     ("def f():\n  movej([0,0,0,0,0,0], q=1)\nend", 2, 3, "more than one value for argument 'q'"),
