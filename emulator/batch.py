@@ -126,8 +126,9 @@ class Batch:
     def _observe(self) -> None:
         """A main program that a watchdog, a stop or anything else has ended before its end is a failure."""
         before, self._host = self._host, self._controller.programs.host or self._host
-        ended = before is not None and self._controller.programs.host is not before
-        if ended and before.runtime.interrupted and not self._controller.shutdown_requested:
+        if before is None or self._controller.programs.host is before or self._controller.shutdown_requested:
+            return
+        if before.runtime.interrupted:
             reason = f": {self._last_note}" if self._last_note else ""
             self.failure = self.failure or f"the program was stopped before its end{reason}"
 

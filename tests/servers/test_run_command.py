@@ -138,7 +138,7 @@ def test_compile_errors_are_all_shown_and_nothing_runs(go: Go) -> None:
     assert "[ " not in out
     assert [line.split(": ")[0] for line in out.splitlines() if line.startswith("demo")] == [
         "demo.txt:3:5",
-        "demo.txt:5:1",
+        "demo.txt:4:7",
         "demo.txt:5:5",
     ]
 

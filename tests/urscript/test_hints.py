@@ -180,6 +180,14 @@ BLOCKS = [
 THREAD = "def f():\n  thread t():\n    sync()\n  end\n  run t()\n"
 
 
+def test_a_preamble_without_its_end_is_one_error():
+    """The names it calls may be defined in the rest of the program."""
+    calls = "".join(f"  later_{number}()\n" for number in range(40))
+    ((*_, message),) = problems(f"def driver():\n{calls}")
+    assert message == "syntax error at end of text: expected 'end' to close the program"
+    assert len(problems(f"def driver():\n{calls}end\n")) == 40
+
+
 @pytest.mark.parametrize("word", ["join", "kill"])
 def test_a_thread_is_waited_for_and_ended_by_its_handle(word):
     ((line, column, message),) = problems(f"{THREAD}  {word} t\nend\n")
