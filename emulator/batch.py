@@ -83,7 +83,9 @@ class Batch:
             SafetyModeMessage: self._safety_mode,
             ErrorCodeMessage: lambda message: self._report(f"{message.label} {message.text}"),
         }
-        controller.messages.on_note = self._report
+        self._host: ProgramHost | None = None  # of the main program that runs, or ran last
+        self._last_note = ""
+        controller.messages.on_note = self._note
         if trace:
             self._lines = file.text.split("\n")
             controller.programs.step_hook = self._step
@@ -101,6 +103,7 @@ class Batch:
         self._submit()
         for message in self._controller.tick().messages:
             self._reporters.get(message.__class__, lambda _: None)(message)
+        self._observe()
         self._judge()
 
     def stop(self, failure: str) -> None:
@@ -120,6 +123,15 @@ class Batch:
                 self._main = unit
             programs.submit(unit.text)
 
+    def _observe(self) -> None:
+        """A main program that a watchdog, a stop or anything else has ended before its end is a failure."""
+        before, self._host = self._host, self._controller.programs.host or self._host
+        if before is None or self._controller.programs.host is before or self._controller.shutdown_requested:
+            return
+        if before.runtime.interrupted:
+            reason = f": {self._last_note}" if self._last_note else ""
+            self.failure = self.failure or f"the program was stopped before its end{reason}"
+
     def _judge(self) -> None:
         programs = self._controller.programs
         if self.failure:
@@ -132,6 +144,10 @@ class Batch:
             self.stop(f"not finished within {self._timeout_s:g} s")
 
     # report
+
+    def _note(self, text: str) -> None:
+        self._last_note = text
+        self._report(text)
 
     def _report(self, text: str) -> None:
         self._print_line(f"[{self.time_s:9.3f} s] {text}")

@@ -276,9 +276,7 @@ class Controller(Machine):
         return self.config.external_control.over(DriverAddress.of(self.installation.file))
 
     def set_tcp(self, tcp_offset: Pose) -> None:
-        if not plausible(*tcp_offset):
-            raise ValueError(f"the TCP is implausible: {list(tcp_offset)}")
-        self.installation.tcp = tcp_offset
+        self.installation.set_tcp(tcp_offset)
         self.motion.tcp_offset = tcp_offset
 
     def load_installation(self, path: Path) -> None:

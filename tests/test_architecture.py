@@ -92,7 +92,14 @@ THIRD_PARTY = {
     ),
     "rich": ("emulator", "client", "urproto.commandline"),
 }
-URSCRIPT_MAY_IMPORT = ("urproto.compat", "urproto.facts", "urproto.robots.pose", "urproto.text", "urproto.versions")
+URSCRIPT_MAY_IMPORT = (
+    "urproto.compat",
+    "urproto.entry",
+    "urproto.facts",
+    "urproto.robots.pose",
+    "urproto.text",
+    "urproto.versions",
+)
 URSCRIPT_COMMANDS_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots")  # the version follows from the arm
 # PolyScope's files contain poses and joint angles
 POLYSCOPE_MAY_IMPORT = (*URSCRIPT_COMMANDS_MAY_IMPORT, "urproto.vectors")

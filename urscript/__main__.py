@@ -1,10 +1,6 @@
-"""``python -m urscript``, and the command ``urscript``."""
+"""``python -m urscript``."""
 
-import sys
-
-from urproto.text import show_any_text
-from urscript.cli import main
+from urproto.entry import urscript
 
 if __name__ == "__main__":
-    show_any_text(sys.stdout, sys.stderr)
-    raise SystemExit(main())
+    urscript()

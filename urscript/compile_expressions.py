@@ -30,6 +30,7 @@ from urscript.inference import (
 )
 from urscript.inline_calls import BuiltinCall, inline_call, joined
 from urscript.literals import call_problems
+from urscript.methods import METHOD_HINTS
 from urscript.number_code import ARITHMETIC_HELPERS, arithmetic_helper, element, number_arithmetic
 from urscript.pycode import (
     LOAD,
@@ -134,6 +135,11 @@ class Unit:
         self.errors.append(error)
         if not hint:
             self.unexplained[id(error)] = name, candidates
+
+    @property
+    def has_handles(self) -> bool:
+        """Whether the program makes proxies, whose methods may have any name."""
+        return any(call.name.endswith("_factory") for scope in self.program.scopes for call in scope.calls)
 
     def explain(self, error: CompileError) -> Steps[None]:
         """Add "did you mean ...?" to the message for an unknown name; the search for a similar name takes steps."""
@@ -260,6 +266,8 @@ class ExpressionCompiler:
     def _variable_hint(self, name: str) -> str:
         """A hint for a name that is not a variable here: what it is instead."""
         unit = self.unit
+        if name in unit.plans and unit.plans[name].is_thread:
+            return f"it is a thread: 'handle = run {name}()' starts it, and join and kill take the handle"
         if name in unit.plans or name in unit.builtins:
             return f"it is a function: {name}() calls it"
         if name in hints.VARIABLES:
@@ -504,6 +512,9 @@ class ExpressionCompiler:
     def _method(self, node: MethodCall, place: Place) -> ast.expr:
         """``(yield from _method(...))[1]``; item 0 is the target after the call."""
         self.unforeseen += 1
+        if self.unit.fixed_lists and node.name in METHOD_HINTS and not self.unit.has_handles:
+            message = f"lists have no method '{node.name}' before PolyScope 5.15; {METHOD_HINTS[node.name]}"
+            self.unit.warnings.append(CallWarning(message, node.line, node.column))
         arguments = [self.expression(node.target), constant(node.name, place), *self.values(node.arguments)]
         pair = yield_from(call("_method", place, *arguments), place)
         if node.name not in MUTATORS:

@@ -140,12 +140,21 @@ def find_problems(
             warnings = unit.warnings
     except CompileError as error:
         errors.append(error)
+    if any(_is_open(error) for error in errors):
+        errors = [error for error in errors if not error.unknown_name]
     problems: list[ScriptError] = [
         *(error.at_its_cause() for error in errors),
         *(ScriptWarning(w.message, w.line, w.column, source) for w in warnings),
     ]
     once = {(problem.line, problem.column, problem.message): problem for problem in problems}
     return [once[place] for place in sorted(once)]
+
+
+def _is_open(error: CompileError) -> bool:
+    """Whether a program lacks the `end` of its def, such as a preamble: names may be defined in the rest of it."""
+    return error.message.startswith("syntax error at end of text: expected 'end' to close the program") and (
+        error.cause is None or error.cause.line == 1
+    )
 
 
 def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, stepped: bool) -> Steps[CompiledProgram]:

@@ -78,6 +78,11 @@ class CompileError(ScriptError):
         self.wire = wire
         self.cause = cause
 
+    @property
+    def unknown_name(self) -> bool:
+        """Whether a name is not defined."""
+        return self.wire.startswith("compile_error_name_not_found")
+
     def at_its_cause(self) -> "CompileError":
         """The same error at the position where the mistake was made."""
         cause = self.cause

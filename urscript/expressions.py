@@ -11,7 +11,7 @@ from operator import attrgetter
 from typing import Any, NoReturn
 
 from urscript.errors import Cause, CompileError
-from urscript.hints import end_with_word, syntax_hint
+from urscript.hints import end_with_word, joined_number, line_without, syntax_hint
 from urscript.syntax import (
     Binary,
     Call,
@@ -107,8 +107,14 @@ class ExpressionParser:
     def expect(self, kind: str, where: str) -> Token:
         """Step past a token of this kind; a syntax error when another one follows."""
         if self.tokens[self.at].kind != kind:
-            self.fail(f"expected {_EXPECTED.get(kind) or repr(kind)} {where}")
+            what = _EXPECTED.get(kind) or repr(kind)
+            lacking = f"',' or {what}" if kind in (")", "]") and self._spans_lines() else what
+            self.fail(f"expected {what} {where}", None, line_without(lacking, self.tokens, self.at))
         return self.take()
+
+    def _spans_lines(self) -> bool:
+        """Whether the statement began on an earlier line than the last token that was read."""
+        return self.tokens[self.started].line < self.tokens[max(self.at - 1, 0)].line
 
     def fail(self, problem: str, token: Token | None = None, blamed: Cause | None = None) -> NoReturn:
         """Raise a syntax error at the next token, or at the given one. blamed: where the mistake was made."""
@@ -123,7 +129,10 @@ class ExpressionParser:
         else:
             at = bisect_left(self.tokens, (token.line, token.column), key=attrgetter("line", "column"))
             odd = self.end_with_word_at is not None and self.end_with_word_at < at - 1
-            cause = end_with_word(self.tokens, self.end_with_word_at or 0) if odd else blamed
+            if odd:
+                cause = end_with_word(self.tokens, self.end_with_word_at or 0)
+            else:
+                cause = joined_number(self.tokens, at, self.started) or blamed
             hint = cause.text if cause else syntax_hint(self.tokens, at, self.started)
             problem += f"; {hint}" if hint else ""
         message = f"syntax error at {found}: {problem}"
@@ -224,7 +233,10 @@ class ExpressionParser:
 
     def _run(self, token: Token) -> Expression:
         name = self.expect("name", "after run: the thread to start").text
-        self.expect("(", "after the thread's name")
+        if self.token.kind != "(":
+            text = f"a thread is started with brackets: run {name}()"
+            self.fail("expected '(' after the thread's name", None, Cause(token.line, token.column, text))
+        self.take()
         self.expect(")", "because a thread takes no arguments")
         return Run(token.line, token.column, name)
 

@@ -208,4 +208,4 @@ class ScriptFile:
 
 
 def _is_unknown_name(problem: ScriptError) -> bool:
-    return isinstance(problem, CompileError) and problem.wire.startswith("compile_error")
+    return isinstance(problem, CompileError) and problem.unknown_name

@@ -54,6 +54,7 @@ _OR: Final = "write 'or'"
 _COMMENT: Final = "a comment begins with '#'; floor(a / b) is integer division"
 _COUNT_UP: Final = "write name = name + 1"
 _COMPARE: Final = "write '==' for equal and '!=' for not equal"
+_TEMPLATE: Final = "this is a template whose placeholders were not filled in"
 _SIGNS: Final[Mapping[str, str]] = {
     **{f"{sign}=": f"write name = name {sign} value" for sign in "+-*/%"},
     **dict.fromkeys(["++", "--"], _COUNT_UP),
@@ -74,7 +75,7 @@ _SIGNS: Final[Mapping[str, str]] = {
     "\u00d7": "write '*'",
     "\u00b0": "angles are in radians: d2r(90)",
     "\u00a0": "this is a non-breaking space: use a plain one",
-    **dict.fromkeys(["{{", "{%", "{#"], "this is a template whose placeholders were not filled in"),
+    **dict.fromkeys(["{{", "{%", "{#"], _TEMPLATE),
     "@": "URScript has no decorators",
     "?": "URScript has no conditional expression: use if",
 }
@@ -148,12 +149,20 @@ FUNCTIONS: Final[Mapping[str, str]] = {
 """Functions of other languages, and those that URCaps define on controllers where they are installed."""
 
 
+_LOOK_BACK: Final = 40
+"""Tokens of a line that are searched for a ``return``, and most letters of a number in another base."""
+
+
 def syntax_hint(tokens: Sequence[Token], at: int, started: int) -> str:
     """A hint on what may be wrong where a text does not parse; empty when there is none.
 
     at: index of the token that does not fit; started: index of the first token of its statement.
     """
     token, first = tokens[at], tokens[min(started, at)]
+    if token.kind == ",":
+        return _hint_on_a_comma(tokens, at, started)
+    if token.text == "{" and [after.text for after in tokens[at + 2 : at + 3]] == ["}"]:
+        return _TEMPLATE
     if first.kind == "name" and started < at and _begins_statement(first, tokens[started + 1]):
         return _FIRST_WORDS[first.text]
     if token.kind == "name" and token.text == "then":
@@ -168,6 +177,42 @@ def syntax_hint(tokens: Sequence[Token], at: int, started: int) -> str:
         return "'==' compares" if token.text == "is" else "URScript has no 'in'"
     signs = _signs_around(tokens, at)
     return _SIGNS.get(signs) or _SIGNS.get(token.text) or _SIGNS.get(token.text[:1], "")
+
+
+def _hint_on_a_comma(tokens: Sequence[Token], at: int, started: int) -> str:
+    line = [token for token in tokens[max(at - _LOOK_BACK, 0) : at] if token.line == tokens[at].line]
+    if started == at and any(token.kind == "return" for token in line):
+        return "a function returns one value: return [a, b] returns a list"
+    return "one variable can be assigned at a time" if started == at - 1 and tokens[started].kind == "name" else ""
+
+
+def joined_number(tokens: Sequence[Token], at: int, started: int) -> Cause | None:
+    """The number that goes on with letters, as in ``0x1F``, if that is why the token at index `at` does not fit."""
+    for after in {at, min(started, at)} - {0}:
+        number, word = tokens[after - 1], tokens[after]
+        if number.kind == "number" and word.kind == "name" and _adjacent(number, word):
+            return Cause(number.line, number.column, _number_hint(number.text, word.text))
+    return None
+
+
+def _number_hint(digits: str, letters: str) -> str:
+    base = {"x": 16, "b": 2, "o": 8}.get(letters[:1].lower(), 0)
+    if digits == "0" and base and len(letters) <= _LOOK_BACK:
+        try:
+            return f"numbers are decimal in URScript: write {int(letters[1:], base)} for 0{letters}"
+        except ValueError:
+            pass
+    return f"the number {digits[:20]} is followed by letters"
+
+
+def line_without(what: str, tokens: Sequence[Token], at: int) -> Cause | None:
+    """The end of the line before, when the token at index `at` shows that it lacks something, and is on a later one."""
+    last, token = tokens[at - 1], tokens[at]
+    line = last.line + last.text.count("\n")
+    if at == 0 or token.line <= line:
+        return None
+    column = len(last.text) - last.text.rfind("\n") if "\n" in last.text else last.column + len(last.text)
+    return Cause(line, column, f"line {line} ends without {what}")
 
 
 def _begins_statement(word: Token, following: Token) -> bool:

@@ -6,11 +6,12 @@ a warning.
 """
 
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 from urscript.builtins import Builtin, Parameter
-from urscript.syntax import Call, Constant, Expression, ListLiteral, PoseLiteral, Unary
+from urscript.syntax import Binary, Call, Constant, Expression, ListLiteral, PoseLiteral, Unary
 from urscript.values import KindMismatchError, Pose, is_number, type_name
 
 _LONGEST: Final = 20  # elements of the longest list that is checked: no built-in expects more
@@ -21,6 +22,13 @@ _JOINTS: Final = frozenset(["q", "qnear", "qNear"])
 _POSES: Final = frozenset(["pose", "pose_via", "pose_to", "q", "x"])
 _SPEEDS: Final = frozenset(["v"])
 _STRAIGHT: Final = frozenset(["movel", "movep", "movec", "servoc"])
+
+_SENDING: Final = frozenset(["socket_send_string", "socket_send_line"])
+_ESCAPE: Final = re.compile(r"\\[nrt0]")
+_NO_ESCAPES: Final = (
+    "URScript has no escapes: a backslash and a letter are sent as these two characters; "
+    "socket_send_line ends a text with a line feed, and socket_send_byte(13) sends a carriage return"
+)
 
 _MAX_RAD: Final = 4 * math.pi  # joints turn once in either direction; an unlimited wrist 3 may have turned further
 _MAX_TURN_RAD: Final = 4 * math.pi  # of a rotation vector, whose length need not be more than pi
@@ -60,12 +68,28 @@ def call_problems(
     for parameter, node in zip(builtin.parameters, arguments, strict=True):
         if node is None:
             continue
+        if builtin.name in _SENDING and any(map(_ESCAPE.search, _texts(node, constants))):
+            yield _NO_ESCAPES, node
+            continue
         value = literal_value(constants(node))
         if value is UNKNOWN:
             continue
         problem = _mismatch(builtin, parameter, value) or _unlikely(builtin, parameter.names[0], value)
         if problem:
             yield problem, node
+
+
+def _texts(node: Expression, constants: Callable[[Expression], Expression]) -> Iterator[str]:
+    """The literal texts of which a text is put together."""
+    match constants(node):
+        case Constant(value=str(text)):
+            yield text
+        case Binary(operator="+") as sum_:
+            yield from _texts(sum_.left, constants)
+            yield from _texts(sum_.right, constants)
+        case Call(name="str_cat") as call:
+            for argument in call.arguments:
+                yield from _texts(argument, constants)
 
 
 def _mismatch(builtin: Builtin, parameter: Parameter, value: Any) -> str:

@@ -102,3 +102,12 @@ _LIST_METHODS: dict[str, tuple[Callable[..., MethodResult], int]] = {
     "remove": (_remove, 1),
     "to_string": (lambda target: (target, to_text(target)), 0),
 }
+
+_KEEPS_ITS_SIZE = "a list keeps its size there: make it as long as needed, and count the elements in use"
+
+METHOD_HINTS: dict[str, str] = {
+    **dict.fromkeys(_LIST_METHODS, _KEEPS_ITS_SIZE),
+    "length": "length(list) returns the number of elements",
+    "to_string": "to_str(list) returns the text",
+}
+"""What to write instead of a list's methods on versions that do not have them."""

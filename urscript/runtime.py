@@ -176,6 +176,7 @@ class ScriptThread:
 class Runtime:
     """One run of a program.
 
+    interrupted: it was stopped from outside before its end.
     motion_thread: set by the host; the thread that owns the motion of the robot, if any.
     parked: of the threads parked in the last frame, the one parked longest, if any.
     """
@@ -185,6 +186,7 @@ class Runtime:
         self.host = host
         self.finished = False
         self.halted = False
+        self.interrupted = False
         self.error: ScriptRuntimeError | None = None
         self.current: ScriptThread | None = None
         self.motion_thread: ScriptThread | None = None
@@ -249,6 +251,7 @@ class Runtime:
 
     def stop(self) -> None:
         """End the program: close every thread where it is."""
+        self.interrupted = not self.finished
         self._finish()
 
     # statements for the running program

@@ -118,7 +118,8 @@ def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: An
     host.motion.commands.freedrive(as_six(freeAxes), _feature(feature))
 
 
-@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the arm follows the emulated external force", work=90)
+# Script Manual CB3 3.15.4; the first versions are guesses.
+@LIBRARY.builtin(cb3="3.15", e="5.10", status="partial", note="the arm follows the emulated external force", work=90)
 def freedrive_mode_no_incorrect_payload_check(host: ProgramHost) -> None:
     """freedrive_mode() without checking the payload first."""
     freedrive_mode(host)

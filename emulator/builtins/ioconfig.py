@@ -156,6 +156,21 @@ def set_runstate_gp_boolean_output_to_value(host: ProgramHost, outputId: Int, st
         host.programs.outputs.set_register(outputId, _action(host, state))
 
 
+# Script Manual CB3 3.15.4; that 3.15.0 has the two is a guess. The e-Series manuals 5.11 and 5.12 do not list them.
+@LIBRARY.builtin(cb3="3.15", e=None, work=90)
+def set_runstate_gp_integer_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
+    """Set how integer output register 0 to 47 follows the run state: low is 0, high is 1; `state` as above."""
+    with within_range():
+        host.programs.outputs.set_int_register(outputId, _action(host, state))
+
+
+@LIBRARY.builtin(cb3="3.15", e=None, work=90)
+def set_runstate_gp_float_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
+    """Set how float output register 0 to 47 follows the run state: low is 0.0, high is 1.0; `state` as above."""
+    with within_range():
+        host.programs.outputs.set_float_register(outputId, _action(host, state))
+
+
 @LIBRARY.builtin(work=90)
 def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Set how analog output 0 or 1 follows the run state: low is its minimum, high its maximum; `state` as above."""

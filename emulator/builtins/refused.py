@@ -22,6 +22,14 @@ _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
             "ros_publisher_factory ros_subscriber_factory ros_service_client_factory ros_action_client_factory",
         ),
     ),
+    "MotionPlus, which moves along tool paths of a CAM program, is a separate licence": (
+        (  # Script Manual 5.11 and 5.12, module motionplus; the first version is a guess
+            None,
+            "5.0",
+            "mc_add_circular mc_add_linear mc_add_path mc_get_target_rtcp_speed mc_initialize mc_load_path "
+            "mc_run_motion mc_set_pcs mc_set_speed_factor",
+        ),
+    ),
     "Euromap 67 is a hardware interface to moulding machines": (
         (
             "3.0",

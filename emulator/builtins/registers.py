@@ -90,7 +90,7 @@ def set_flag(host: ProgramHost, n: Int, b: Bool) -> None:
     host.programs.flags[_flag(host, n)] = b
 
 
-@LIBRARY.builtin(cb3="3.4", e="5.0")
+@LIBRARY.builtin(cb3="3.3", e="5.0")  # Script Manual CB3 3.3.4
 def rtde_set_watchdog(host: ProgramHost, variable_name: Str, min_frequency: Num, action: Str = "pause") -> None:
     """Require an RTDE input variable to be written at least `min_frequency` times a second [Hz].
 

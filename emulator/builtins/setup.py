@@ -46,9 +46,13 @@ def get_gravity(host: ProgramHost) -> list[float]:
 
 @LIBRARY.builtin(work=90)
 def set_payload(host: ProgramHost, m: Num, cog: ListArg | None = None) -> None:
-    """Set the payload's mass [kg] and centre of gravity from the flange [m]; the TCP when omitted."""
+    """Set the payload's mass [kg] and centre of gravity from the flange [m].
+
+    The TCP when omitted: later calls of set_tcp then change the centre of gravity as well.
+    """
     centre = _xyz(host.machine.installation.tcp) if cog is None else three(cog, "set_payload: cog")
     use_payload(host, _assumed(host, checked_mass(m), centre))
+    host.machine.installation.cog_follows_tcp = cog is None
 
 
 @LIBRARY.builtin(work=90)
@@ -82,13 +86,13 @@ def set_target_payload(
     use_payload(host, Payload(checked_mass(m), three(cog, "set_target_payload: cog"), moments), transition_time)
 
 
-@LIBRARY.builtin(cb3="3.11", e="5.0")
+@LIBRARY.builtin(cb3="3.10", e="5.0")  # Script Manual CB3 3.10
 def get_target_payload(host: ProgramHost) -> float:
     """Payload mass [kg]."""
     return host.machine.installation.target_payload.mass
 
 
-@LIBRARY.builtin(cb3="3.11", e="5.0")
+@LIBRARY.builtin(cb3="3.10", e="5.0")  # Script Manual CB3 3.10
 def get_target_payload_cog(host: ProgramHost) -> list[float]:
     """Payload centre of gravity from the flange [m]."""
     return list(host.machine.installation.target_payload.cog)

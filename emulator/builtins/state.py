@@ -100,13 +100,14 @@ def get_target_tcp_speed(host: ProgramHost) -> list[float]:
     return list(twist_of(host, host.motion.q, host.motion.qd))
 
 
-@LIBRARY.builtin(work=130)
+# Script Manual CB3 3.15.4, and not yet that of 3.10; that 3.11 has the two is a guess.
+@LIBRARY.builtin(cb3="3.11", e="5.0", work=130)
 def get_target_tcp_pose_along_path(host: ProgramHost) -> Pose:
     """Commanded TCP pose as it would be without path offset and conveyor tracking."""
     return Pose(forward(host, host.motion.path_q))
 
 
-@LIBRARY.builtin(work=300)
+@LIBRARY.builtin(cb3="3.11", e="5.0", work=300)
 def get_target_tcp_speed_along_path(host: ProgramHost) -> list[float]:
     """Commanded TCP velocity as it would be without path offset and conveyor tracking [m/s, rad/s]."""
     return list(twist_of(host, host.motion.path_q, host.motion.path_qd))

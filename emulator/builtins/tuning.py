@@ -15,7 +15,8 @@ LIBRARY = Library("tuning", host=True, physical=True)
 _MIN_JERK_GAIN = 0.01  # Script Manual
 
 
-@LIBRARY.builtin()
+# Script Manual CB3 3.15.4, and not yet that of 3.10; that 3.11 has it is a guess.
+@LIBRARY.builtin(cb3="3.11", e="5.0")
 def pause_on_error_code(host: ProgramHost, code: Int, argument: Int | None = None) -> None:
     """Pause the program when error `code` is reported, instead of a protective stop, until the program ends.
 

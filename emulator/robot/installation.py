@@ -4,7 +4,7 @@ A program may change all of these; loading an installation file sets them again.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -63,7 +63,8 @@ class _Transition:
 class Installation(Marked):
     """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as in set_gravity,
     base frame, upright (0, 0, 9.82) [m/s2]. ``base_acceleration``: of a moving base, base frame [m/s2].
-    ``file``: the installation file's settings for programs. ``path``: of that file, None before one was loaded."""
+    ``file``: the installation file's settings for programs. ``path``: of that file, None before one was loaded.
+    ``cog_follows_tcp``: the payload was set without a centre of gravity, which is therefore the TCP, also the next."""
 
     name: str = "default.installation"
     path: Path | None = None
@@ -72,6 +73,7 @@ class Installation(Marked):
     gravity: Vector3 = UPRIGHT_GRAVITY
     base_acceleration: Vector3 = _STANDING
     file: InstallationFile = field(default_factory=InstallationFile)
+    cog_follows_tcp: bool = False
     _transition: _Transition | None = None
 
     @property
@@ -79,11 +81,23 @@ class Installation(Marked):
         """Target of a payload transition; the payload itself if none is in progress."""
         return self._transition.target if self._transition else self.payload
 
+    def set_tcp(self, tcp: Pose) -> None:
+        """Set another TCP, and with it the centre of gravity of a payload that was set without one.
+
+        Script Manuals CB3 3.15.4 and 5.12, set_payload. Raises ValueError for implausible numbers.
+        """
+        if not plausible(*tcp):
+            raise ValueError(f"the TCP is implausible: {list(tcp)}")
+        self.tcp = tcp
+        if self.cog_follows_tcp:
+            self.payload = replace(self.payload, cog=tcp[:3])
+
     def set_payload(self, payload: Payload, transition_s: float = 0.0) -> None:
         """Set another payload, immediately or by a linear transition. A later call replaces an earlier one.
 
         Raises ValueError for implausible numbers.
         """
+        self.cog_follows_tcp = False
         if not plausible(payload.mass, *payload.cog, *payload.inertia):
             raise ValueError(f"the payload is implausible: {payload}")
         self._transition = None

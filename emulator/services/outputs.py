@@ -81,6 +81,16 @@ class RunstateOutputs:
         self._registers.get_bit(index)
         self._set(("register", index), action, lambda level: self._registers.set_bit(index, level))
 
+    def set_int_register(self, index: int, action: OutputAction) -> None:
+        """Let an integer output register follow: it is 1 or 0. Raises IndexError."""
+        self._registers.get_int(index)
+        self._set(("int register", index), action, lambda level: self._registers.set_int(index, int(level)))
+
+    def set_float_register(self, index: int, action: OutputAction) -> None:
+        """Let a float output register follow: it is 1.0 or 0.0. Raises IndexError."""
+        self._registers.get_double(index)
+        self._set(("float register", index), action, lambda level: self._registers.set_double(index, float(level)))
+
     def set_analog(self, index: int, action: OutputAction) -> None:
         """Let an analog output follow. Raises IndexError."""
         self._signals.analog_output(index)

@@ -222,3 +222,24 @@ def test_a_refused_name_compiles_and_stops_the_program_only_when_called(rig):
     assert rig.texts == ["fine"]
     assert rig.fault(f"{refused.name}(1)") == f"{refused.name} is not emulated: {refused.note}"
     assert (rig.exceptions[-1].line, rig.exceptions[-1].column) == (2, 3)
+
+
+# Script Manuals of CB3: the first that documents a function, among those of 3.3.4, 3.10 and 3.15.4.
+DOCUMENTED = {
+    "3.3.4": "rtde_set_watchdog read_input_float_register socket_read_line",
+    "3.10": "wrench_trans normalize get_target_payload get_target_payload_cog str_sub",
+    "3.15.4": "assert freedrive_mode_no_incorrect_payload_check set_runstate_gp_integer_output_to_value "
+    "set_runstate_gp_float_output_to_value get_target_tcp_pose_along_path pause_on_error_code",
+}
+
+
+@pytest.mark.parametrize("manual", DOCUMENTED)
+def test_a_function_exists_from_the_first_manual_that_documents_it_on(manual):
+    assert words(DOCUMENTED[manual]) - available(manual) == set()
+
+
+def test_motionplus_is_known_by_name(make_rig):
+    rig = make_rig("ur5e", "5.12")
+    rig.run('if False:\n  mc_initialize(0, p[0, 0, 0, 0, 0, 0])\nend\ntextmsg("fine")')
+    assert rig.texts == ["fine"]
+    assert rig.fault("mc_run_motion()").startswith("mc_run_motion is not emulated: MotionPlus")

@@ -442,6 +442,25 @@ def test_each_run_state_action(rig, kind, action, before, running, ended, failed
     assert read(rig.controller) == failed
 
 
+def test_number_registers_follow_the_program_on_cb3(cb3):
+    """Script Manual CB3 3.15.4: 1 is 0 while no program runs, 2 is 1, 3 is 1 while one runs and 0 otherwise."""
+    cb3.run(
+        """
+        write_output_integer_register(7, 9)
+        write_output_float_register(8, 9)
+        set_runstate_gp_integer_output_to_value(7, 1)
+        set_runstate_gp_float_output_to_value(8, 2)
+        set_runstate_gp_float_output_to_value(9, 3)
+        textmsg(read_output_integer_register(7))
+        textmsg(read_output_float_register(9))
+        """
+    )
+    assert cb3.texts == ["9", "1"]
+    cb3.tick()
+    registers = cb3.controller.registers.output
+    assert [registers.get_int(7), registers.get_double(8), registers.get_double(9)] == [0, 1.0, 0.0]
+
+
 def test_outputs_follow_drive_power(make_rig):
     rig = make_rig("ur5e", None, running=False)
     rig.submit(

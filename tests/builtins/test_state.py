@@ -178,6 +178,20 @@ def test_payload_without_centre_of_gravity_is_at_the_tcp(rig):
     assert rig.controller.snapshot.payload_cog == (0, 0, 0.02)
 
 
+def test_a_payload_without_centre_of_gravity_follows_the_tcp(rig):
+    """Script Manuals CB3 3.15.4 and 5.12: later calls of set_tcp change the centre of gravity too."""
+    rig.run("set_payload(1.5)\nset_tcp(p[0, 0, 0.15, 0, 0, 0])\nset_payload_mass(2)")
+    assert (rig.controller.snapshot.payload, rig.controller.snapshot.payload_cog) == (2, (0, 0, 0.15))
+    rig.run("set_payload(1, [0, 0, 0.02])\nset_tcp(p[0, 0, 0.3, 0, 0, 0])")
+    assert rig.controller.snapshot.payload_cog == (0, 0, 0.02)
+
+
+def test_a_failed_assertion_ends_the_program(rig):
+    rig.run('assert(1 == 1)\ntextmsg("fine")')
+    assert rig.texts == ["fine"]
+    assert rig.fault("assert(1 == 2)") == "assert: the condition is False"
+
+
 def test_payload_changes_gradually_over_its_transition_time(rig):
     rig.run("set_target_payload(4, [0, 0, 0.1], [0.1, 0.1, 0.1, 0, 0, 0], transition_time=1)\nsleep(0.5)")
     assert rig.controller.snapshot.payload == pytest.approx(2.0, abs=0.05)

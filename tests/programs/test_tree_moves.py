@@ -181,6 +181,16 @@ def test_a_move_without_any_tcp_moves_the_flange():
     assert "pose_trans(Waypoint_1_p, get_tcp_offset())" in written(move(waypoint(ASIDE), useActiveTCP="false"))[0]
 
 
+@pytest.mark.parametrize(
+    ("active", "target"), [("false", "pose_trans(p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], goal)"), ("true", "goal")]
+)
+def test_a_variable_waypoint_that_ignores_the_active_tcp_is_only_put_into_the_base(active, target):
+    """Seen in two public pairs, PolyScope 3.5.4 and 3.15.8."""
+    goal = tag("Waypoint", tag("motionParameters"), tag("variable", name="goal"), type="Variable")
+    (line_written,) = written(assign("goal", "p[0, 0, 0, 0, 0, 0]"), move(goal, kind="MoveL", useActiveTCP=active))
+    assert line_written.startswith(f"movel({target}, ")
+
+
 def test_before_5_0_a_movej_goes_to_the_pose_with_the_active_tcp_and_else_to_the_joints():
     """Seen in public pairs of 3.10 to 3.15."""
     old = {"positionType": ""}

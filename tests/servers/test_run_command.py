@@ -3,6 +3,8 @@
 import io
 import json
 import socketserver
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -136,7 +138,7 @@ def test_compile_errors_are_all_shown_and_nothing_runs(go: Go) -> None:
     assert "[ " not in out
     assert [line.split(": ")[0] for line in out.splitlines() if line.startswith("demo")] == [
         "demo.txt:3:5",
-        "demo.txt:5:1",
+        "demo.txt:4:7",
         "demo.txt:5:5",
     ]
 
@@ -161,6 +163,33 @@ MOVE_OUT_OF_REACH = """def f():
   speedl([0, 0, 3, 0, 0, 0], a=20, t=10)
 end
 """
+
+
+def test_a_program_that_a_watchdog_stops_has_failed(go: Go) -> None:
+    watchdog = 'rtde_set_watchdog("input_int_register_24", 10, "stop")'
+    status, out = go(f"def f():\n  {watchdog}\n  while True:\n    sync()\n  end\nend\n")
+    assert status == 1
+    assert out.splitlines()[-1].startswith("result  ")
+    assert "finished" not in out.splitlines()[-1]
+
+
+@pytest.mark.parametrize("end", ["halt", "return None", "sync()"])
+def test_a_program_that_reaches_its_end_has_not_failed(go: Go, end: str) -> None:
+    status, out = go(f"def f():\n  sleep(0.1)\n  {end}\nend\n")
+    assert (status, out.splitlines()[-1]) == (0, "result  finished")
+
+
+def test_a_closed_pipe_ends_the_run_silently(tmp_path: Path) -> None:
+    script = tmp_path / "long.script"
+    script.write_text('def f():\n  while True:\n    textmsg("a line of text")\n    sync()\n  end\nend\n')
+    command = [sys.executable, "-m", "urscript", "run", str(script), "--timeout", "60"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert b"a line of text" in process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(30) == 141
 
 
 def test_a_failed_secondary_program_is_a_failure(go: Go) -> None:

@@ -89,6 +89,15 @@ LINES = [
     ("b = degrees(a)", 7, "r2d(angle)"),
     ("movJ([0, 0, 0, 0, 0, 0])", 3, "did you mean 'movej'?"),
     ("MoveL(p[0, 0, 0, 0, 0, 0])", 3, "did you mean 'movel'?"),
+    ("b = 0x1F", 7, "write 31 for 0x1F"),
+    ("set_flag(0x1F, True)", 12, "write 31 for 0x1F"),
+    ("b = 5mm", 7, "the number 5 is followed by letters"),
+    ("b, a = [1, 2]", 4, "one variable can be assigned at a time"),
+    ("movej({q})", 9, "a template whose placeholders were not filled in"),
+    ("run sync", 3, "a thread is started with brackets: run sync()"),
+    ("sleep(1", 10, "line 3 ends without ')'"),
+    ("b = [1, 2", 12, "line 3 ends without ']'"),
+    ("if a == 1", 12, "line 3 ends without ':'"),
     ("b = sync", 7, "it is a function: sync() calls it"),
     ("b = a(0)", 7, "it is a variable: a[0] is its first element"),
     ("run sync()", 3, "thread 'sync' is not defined; it is a function: sync() calls it"),
@@ -166,6 +175,55 @@ BLOCKS = [
         [(5, 3, "thread 'g' is not defined; it is a function: g() calls it")],
     ),
 ]
+
+
+THREAD = "def f():\n  thread t():\n    sync()\n  end\n  run t()\n"
+
+
+def test_a_preamble_without_its_end_is_one_error():
+    """The names it calls may be defined in the rest of the program."""
+    calls = "".join(f"  later_{number}()\n" for number in range(40))
+    ((*_, message),) = problems(f"def driver():\n{calls}")
+    assert message == "syntax error at end of text: expected 'end' to close the program"
+    assert len(problems(f"def driver():\n{calls}end\n")) == 40
+
+
+@pytest.mark.parametrize("word", ["join", "kill"])
+def test_a_thread_is_waited_for_and_ended_by_its_handle(word):
+    ((line, column, message),) = problems(f"{THREAD}  {word} t\nend\n")
+    assert (line, column) == (6, 8)
+    assert message.endswith("it is a thread: 'handle = run t()' starts it, and join and kill take the handle")
+
+
+def test_a_function_returns_one_value():
+    found = problems("def f():\n  def g():\n    return 1, 2\n  end\n  x = g()\nend\n")
+    assert [place for *place_, message in found if "one value" in message for place in [tuple(place_)]] == [(2 + 1, 13)]
+
+
+def test_several_lines_may_lack_a_comma():
+    ((line, column, message),) = problems("def f():\n  movej([0, 0, 0, 0, 0, 0],\n    a=1\n    v=2)\nend\n")
+    assert (line, column, message) == (3, 8, "syntax error: line 3 ends without ',' or ')'")
+
+
+@pytest.mark.parametrize(
+    "call",
+    ['socket_send_string("a\\n")', 'socket_send_line(str_cat("a", "\\r"))', 'socket_send_string("a" + end_of_line)'],
+)
+def test_a_text_that_is_sent_has_no_escapes(call):
+    text = f'def f():\n  end_of_line = "\\n"\n  {call}\nend\n'
+    assert [message[:23] for *_, message in problems(text)] == ["URScript has no escapes"]
+    assert not problems(text.replace("\\", ""))
+
+
+def test_list_methods_are_explained_on_versions_without_them():
+    text = "def f():\n  a = [1]\n  a.append(2)\n  b = a.length()\nend\n"
+    old = problems(text, PolyscopeVersion.parse("5.12"))
+    assert [line for line, *_ in old] == [3, 4]
+    assert "before PolyScope 5.15; a list keeps its size there" in old[0][2]
+    assert old[1][2].endswith("length(list) returns the number of elements")
+    assert not problems(text)
+    proxy = 'def f():\n  a = rpc_factory("xmlrpc", "http://127.0.0.1:1")\n  a.append(2)\nend\n'
+    assert not problems(proxy, PolyscopeVersion.parse("5.12"))
 
 
 @pytest.mark.parametrize(("text", "found"), BLOCKS)

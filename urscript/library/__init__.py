@@ -1,7 +1,7 @@
 """The built-ins that need no robot."""
 
 from urscript.builtins import Library
-from urscript.library import lists, math, poses, strings, threads
+from urscript.library import checks, lists, math, poses, strings, threads
 
 __all__ = ["LIBRARIES"]
 
@@ -11,4 +11,5 @@ LIBRARIES: list[Library] = [
     strings.LIBRARY,
     lists.LIBRARY,
     threads.LIBRARY,
+    checks.LIBRARY,
 ]

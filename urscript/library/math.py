@@ -156,7 +156,7 @@ def norm(a: Any_) -> Value:
     return math.hypot(*_numbers("norm", a))
 
 
-@LIBRARY.builtin(cb3="3.14", e="5.9")
+@LIBRARY.builtin(cb3="3.10", e="5.9")  # Script Manual CB3 3.10
 def normalize(v: Any_) -> list[float]:
     """The list `v` scaled to length 1."""
     items = _numbers("normalize", v)

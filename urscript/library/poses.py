@@ -71,7 +71,7 @@ def rpy2rotvec(rpy_vector: ListArg) -> list[float]:
     return list(pose.rpy_to_rotvec(*_three("rpy2rotvec", rpy_vector)))
 
 
-@LIBRARY.builtin(cb3=None, e="5.0", work=60)
+@LIBRARY.builtin(cb3="3.10", e="5.0", work=60)  # Script Manuals CB3 3.10 and 3.15.4
 def wrench_trans(T_from_to: PoseArg, w_from: Joints) -> list[float]:
     """The wrench `w_from` [N, Nm] moved to the frame `T_from_to`."""
     return list(pose.wrench_trans(T_from_to, w_from))

@@ -75,7 +75,7 @@ def str_len(str_: Str) -> int:
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2", aliases={"length": "len"})
-def str_sub(src: Str, index: Int = 0, length: Int | None = None) -> str:
+def str_sub(src: Str, index: Int, length: Int | None = None) -> str:
     """`length` bytes of `src` from `index`, or all the rest; fewer when the string ends before.
 
     A runtime error when `index` is outside 0..str_len(src) or the length is negative.

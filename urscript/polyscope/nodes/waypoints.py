@@ -328,7 +328,7 @@ def _target(writer: Writer, element: Element, way: Move) -> str:
     """The first argument of the move."""
     kind = element.get("type")
     if kind == "Variable":
-        return _of_flange(way, _in_feature(writer, way, variable_name(element.child("variable"))))
+        return _in_feature(writer, way, variable_name(element.child("variable")))
     if kind == "Relative":
         return _relative(writer, element)
     if kind and kind != "Fixed":
@@ -347,14 +347,18 @@ def _target(writer: Writer, element: Element, way: Move) -> str:
 
 
 def _of_flange(way: Move, pose: str) -> str:
-    """The TCP pose for a pose of the flange (seen with MoveJ; with variables it is a guess)."""
+    """The TCP pose for a pose of the flange (seen with MoveJ)."""
     return f"pose_trans({pose}, get_tcp_offset())" if way.of_flange else pose
 
 
 def _in_feature(writer: Writer, way: Move, pose: str) -> str:
-    """The base-frame pose of a pose relative to the Move's feature; a variable feature is read when the move starts."""
+    """The base-frame pose of a pose relative to the Move's feature; a variable feature is read when the move starts.
+
+    A Move that ignores the active TCP names the base as well, and leaves the pose as it is (two public pairs of .urp
+    and .script, PolyScope 3.5.4 and 3.15.8).
+    """
     feature = writer.feature(way.element.child("feature"), variable=True)
-    return pose if feature == NO_POSE else f"pose_trans({feature}, {pose})"
+    return pose if feature == NO_POSE and not way.of_flange else f"pose_trans({feature}, {pose})"
 
 
 def _followed(writer: Writer, element: Element, way: Move, pose: str) -> str:
