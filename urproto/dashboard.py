@@ -240,10 +240,14 @@ def parse_program_state(reply: str) -> tuple[ProgramState, str | None]:
 
 
 def parse_loaded_program(reply: str) -> str | None:
-    """``Loaded program: /programs/x.urp`` as a path; None when no program is loaded."""
+    """``Loaded program: /programs/x.urp`` as a path; None without a saved one.
+
+    PolyScope shows a new program in angle brackets, in the language of the pendant: ``/programs/<unnamed>.urp``.
+    """
     if reply == NO_PROGRAM_LOADED:
         return None
-    return _after("Loaded program", reply)
+    path = _after("Loaded program", reply)
+    return None if re.fullmatch(r"(.*/)?<.*>(\.urp)?", path) else path
 
 
 def parse_boolean(reply: str) -> bool:

@@ -271,6 +271,8 @@ class ProgramSupervisor:
         self._starting = self._config.headless
         try:
             if self._config.headless:
+                # A paused program takes the new one's place and only ends (issue 123 of the official client library).
+                await self._robot.send_script(_STOP_LINE)
                 await self._robot.send_script(self.control_program().render_headless(self._robot.version))
             else:
                 await self._play()

@@ -451,6 +451,7 @@ class Programs:
         self._machine.messages.key(PROGRAM_STARTED, program.name)
         if not self._machine.may_play:
             self.pause(f"{program.name} waits: {_NOT_READY}, then play")
+            self._machine.motion.time.freeze()  # its first frame is that after the pause
 
     def _refuse(self, program: CompiledProgram) -> None:
         self._report(f"program {program.name} was not started: {_NOT_READY}")

@@ -71,6 +71,8 @@ def test_an_answer_is_one_line():
         (parse_program_state, "PLAYING my program.urp", (ProgramState.PLAYING, "my program.urp")),
         (parse_loaded_program, "Loaded program: /programs/x.urp", "/programs/x.urp"),
         (parse_loaded_program, "No program loaded", None),
+        (parse_loaded_program, "Loaded program: /programs/<unnamed>.urp", None),  # UR10e, 5.11.9
+        (parse_loaded_program, "Loaded program: /programs/<未命名>.urp", None),  # UR30, 5.21, pendant in Chinese
         (parse_boolean, "Program running: false", False),
         (parse_boolean, "Robot running: True", True),
         (parse_boolean, "true", True),

@@ -47,7 +47,7 @@ EXECUTED = [row for row in ROWS if not row[2].startswith("test:")]
 # messages that do not depend on the protocol have only the form of protocol 2
 BOTH_PROTOCOLS = {"SetupOutputs", "SetupOutputsReply", "OutputData", "TextMessage"}
 CODES = {"3.2": program_state._OLDEST_TYPES, "3.13": program_state._OLD_TYPES, "5.9": program_state._NEW_TYPES}
-REALTIME = dict.fromkeys(str(column.since.cb3 or column.since.e).removesuffix(".0.0") for column in COLUMNS)
+REALTIME = dict.fromkeys(str(column.since.cb3 or column.since.e).removesuffix(".0") for column in COLUMNS)
 
 
 def data_of(case: str) -> bytes:

@@ -39,7 +39,7 @@ RTDE_DECODED = [
     "request request_protocol_version: version=2",
     "reply request_protocol_version: accepted=true",
     "request get_urcontrol_version",
-    "reply get_urcontrol_version: 5.22.0.0",
+    "reply get_urcontrol_version: 5.22.0",
     'request setup_outputs: names=["timestamp", "actual_q", "robot_mode"] frequency_hz=125',
     'reply setup_outputs: types=["DOUBLE", "VECTOR6D", "INT32"] recipe_id=1',
     "request start",
