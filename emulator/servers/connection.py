@@ -26,6 +26,7 @@ SEND_BUFFER: Final = 256 * 1024
 
 _READ_BYTES: Final = 1024  # at a time: parsing them takes some ms even if each byte is a message (guess)
 _MAX_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
+_QUICK_ACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)  # Linux; in force until the next delayed one
 _LINGER_S: Final = 1.0  # for a client that keeps sending after its final answer (guess)
 _RESET: Final = struct.pack("ii", 1, 0)  # SO_LINGER: on, no time: closing sends RST
 _WRONG_PORT: Final = {
@@ -172,6 +173,16 @@ class Connection(asyncio.BufferedProtocol):
         """Close the connection and drop what waits for the client here; what the system has is still delivered."""
         if self._transport is not None:
             self._transport.abort()
+
+    def acknowledge(self) -> None:
+        """Acknowledge what has been received immediately, where the system permits it.
+
+        The system of a client that does not set TCP_NODELAY holds back its next bytes until then. Acknowledged by the
+        next package only, they would arrive just too late for their control period, and so would all that follow.
+        """
+        own = self._transport.get_extra_info("socket") if self._transport is not None else None
+        if own is not None and _QUICK_ACK is not None:
+            own.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
 
     def read_on(self, going: bool) -> None:
         """Read from the client, or leave its bytes in the system's buffer for now."""

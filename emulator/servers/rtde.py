@@ -94,6 +94,7 @@ class _RTDEConnection(Connection):
             self._reply(reply)
 
     def received(self, data: bytes) -> None:
+        self.acknowledge()
         for package in self._decoder.feed(data):
             self._handle(package)
         if self._decoder.error is not None:

@@ -1,8 +1,10 @@
 """The servers that broadcast: RTDE, realtime, primary and secondary, with a fake controller."""
 
+import socket
 import struct
 from itertools import pairwise
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from server_rig import CB3, E_SERIES, FakeController, MemoryClient
@@ -147,6 +149,16 @@ def test_an_rtde_client_that_never_reads_is_disconnected(
     assert pausing.connected
     assert quick.connected
     assert len(replies(quick)) == 62  # the first period is that of the answer
+
+
+@pytest.mark.skipif(not hasattr(socket, "TCP_QUICKACK"), reason="only Linux can acknowledge immediately")
+def test_rtde_inputs_are_acknowledged_immediately(rtde: RTDEServer) -> None:
+    """Without TCP_NODELAY, a client's next input waits for that, and would be late for good after one stall."""
+    client = MemoryClient(rtde)
+    own = Mock(spec=socket.socket)
+    client.transport._extra["socket"] = own
+    client.feed(SetupInputs(("input_int_register_0",)).encode(1))
+    own.setsockopt.assert_called_with(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
 
 
 def test_rtde_impossible_size_ends_the_connection(rtde: RTDEServer) -> None:
