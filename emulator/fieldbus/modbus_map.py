@@ -4,8 +4,9 @@ Programs (``read_port_register`` and related functions) and clients of the serve
 words; negative quantities are in two's complement. Addresses that are not in the map do not exist; some can only be
 read, some can only be written.
 
-Source: the vendor's article on the Modbus server (16377), as transcribed in public projects. Guesses: quantities that
-are too large for a word saturate; the angle of a joint is from 0 to a full turn, next to its number of turns.
+Source: the vendor's article on the Modbus server (16377), as transcribed in public projects. The angle of a joint is
+from 0 to a full turn, next to its number of turns, which is 65535 for negative angles (Universal Robots forum, thread
+641). That quantities that are too large for a word saturate is a guess.
 """
 
 import math
