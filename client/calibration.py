@@ -51,7 +51,7 @@ def parameters(kinematics: KinematicsInfo) -> DH:
 
 def calibration_of(kinematics: KinematicsInfo) -> Calibration:
     """Return the calibration that a robot reports. Raises CalibrationError if the robot is not calibrated."""
-    if kinematics.status != KinematicsStatus.OK:
+    if kinematics.status == KinematicsStatus.NOT_LINEARISED:
         raise CalibrationError(
             f"the robot's calibration status is {kinematics.status}: calibrate it or restore its calibration"
         )

@@ -40,7 +40,10 @@ NOT_IN_REMOTE_CONTROL = (  # as quoted by users of e-Series arms
     "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and reconnect to port "
     "29999"
 )
-NOT_CONTROLLING_MODE = "No longer controlling the operational mode."
+# Both modes in quotes: reply of URSim 5.25 to the second, quoted by a user; the pattern of the first in a Rust client.
+# The ROS drivers expect the current mode, which is NONE without a password for it.
+MODE_SET = "Operational mode '{}' is set"
+NOT_CONTROLLING_MODE = "No longer controlling the operational mode. Current operational mode: 'NONE'."
 _MODE_SET = ("Operational mode", "Setting operational mode")  # those of urcl and of the manual
 _MODE_CLEARED = ("No longer controlling the operational mode", "operational mode is no longer controlled")
 UNNAMED_PROGRAM = "<unnamed>"  # e-Series, in the answer to programState; CB3 says null

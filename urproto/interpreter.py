@@ -12,11 +12,11 @@ from enum import Enum
 from typing import Final
 
 from urproto.errors import RemoteProtocolError
+from urproto.facts.ledger import availability
 from urproto.text import from_bytes, strip, to_bytes
-from urproto.versions import Availability
 
-AVAILABLE: Final = Availability.since("3.12", "5.6")
-"""Versions with interpreter mode (a guess: the vendor's article says 5.10, function lists are older)."""
+AVAILABLE: Final = availability("service.interpreter")
+"""Versions with interpreter mode."""
 
 LAST_ID: Final = 65535
 """Statements are numbered from 1 to this and then from 1 again (manual: ids may wrap around; the limit is a guess)."""

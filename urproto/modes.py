@@ -305,11 +305,15 @@ class ControllerBox(IntEnum):
 
 
 class KinematicsStatus(IntEnum):
-    """Calibration status in the kinematics data. Only OK is certain; the others are guesses."""
+    """Calibration status in the kinematics data, as a controller's own calibration.conf explains it.
 
-    OK = 0
-    CHECKSUM_MISSING = 1
-    CHECKSUM_MISMATCH = 2
+    A calibrated arm is linearised (caiobarrosv/ur5_isaac_simulation issue 4, MyRobotLab/pyrobotlab issue 145: a UR3's
+    file); a simulator, which has no calibration, is not initialised.
+    """
+
+    NOT_INITIALISED = 0
+    NOT_LINEARISED = 1
+    LINEARISED = 2
 
 
 class AnalogDomain(IntEnum):

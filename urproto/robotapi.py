@@ -10,6 +10,8 @@ from typing import Final, Literal
 from urllib.parse import quote
 
 from urproto.compat import StrEnum
+from urproto.facts.ledger import find
+from urproto.facts.scope import Situation
 from urproto.modes import RobotMode, SafetyMode
 from urproto.versions import Availability, PolyscopeVersion
 
@@ -24,6 +26,8 @@ AVAILABLE: Final = Availability.since(None, None, "10.11")
 """Versions with the API, according to the documentation of the C++ client."""
 _READING: Final = Availability.since(None, None, "10.12")
 
+PROGRAM_LOADED: Final = "Program loaded successfully"
+"""Message of a load (quoted in issue 551 of the official C++ client)."""
 DEFAULT_PROGRAM: Final = "Default program"
 """The program that is loaded after power-up; it always exists."""
 MAX_UPLOAD: Final = 4 * 1024 * 1024
@@ -69,7 +73,7 @@ GET_ROBOT_MODE: Final = Endpoint("GET", "/robotstate/v1/robotmode", _READING)
 GET_SAFETY_MODE: Final = Endpoint("GET", "/robotstate/v1/safetymode", _READING)
 GET_CONTROL_MODE: Final = Endpoint("GET", "/system/v1/controlmode", _READING)
 GET_OPERATIONAL_MODE: Final = Endpoint("GET", "/system/v1/operationalmode", _READING)
-PUT_LOAD: Final = Endpoint("PUT", "/program/v1/load", AVAILABLE, remote_only=True)  # that it stays in 10.12: guess
+PUT_LOAD: Final = Endpoint("PUT", "/program/v1/load", AVAILABLE, remote_only=True)  # a client for 10.12 uses it
 PUT_LOADED: Final = Endpoint("PUT", "/program/v1/loaded", _READING, remote_only=True)
 GET_LOADED: Final = Endpoint("GET", "/program/v1/loaded", _READING)
 PUT_PROGRAM_STATE: Final = Endpoint("PUT", "/program/v1/state", AVAILABLE, remote_only=True)
@@ -99,14 +103,8 @@ ENDPOINTS: Final = (
 
 
 def api_version(version: PolyscopeVersion) -> str:
-    """The version of the API, from which clients derive its features.
-
-    3.1.4 came with 10.12.0 (C++ client), and a simulator of 2026 reports 3.1.6. It is a guess that the latter came with
-    10.13, and 3.0.0 with 10.11.
-    """
-    if version >= PolyscopeVersion(10, 13):
-        return "3.1.6"
-    return "3.1.4" if version >= PolyscopeVersion(10, 12) else "3.0.0"
+    """The version of the API, from which clients derive its features."""
+    return find("robot_api.version", Situation(version)).value
 
 
 _UPDATING: Final = "UPDATING"

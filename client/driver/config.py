@@ -23,7 +23,7 @@ def calibration_hash(kinematics: KinematicsInfo) -> str:
 
 def calibration_problem(kinematics: KinematicsInfo, expected: Calibration | str | None) -> str | None:
     """Say what is wrong with the calibration, and what to do; None if nothing is."""
-    if kinematics.status != KinematicsStatus.OK:
+    if kinematics.status == KinematicsStatus.NOT_LINEARISED:
         return f"its calibration status is {kinematics.status}: calibrate the robot or restore its calibration"
     found = calibration_hash(kinematics)
     wanted = expected.hash if isinstance(expected, Calibration) else expected

@@ -11,7 +11,7 @@ from urscript.values import Bool
 LIBRARY = Library("interpreter mode", host=True)
 
 
-@LIBRARY.builtin(cb3="3.12", e="5.6", takes_scope=True)
+@LIBRARY.builtin(cb3="3.15", e="5.10", takes_scope=True)
 def interpreter_mode(
     host: ProgramHost, scope: Locals, clearQueueOnEnter: Bool = True, clearOnEnd: Bool = True
 ) -> Generator[bool | None, None, None]:
@@ -34,13 +34,13 @@ def interpreter_mode(
         interpreter.leave()
 
 
-@LIBRARY.builtin(cb3="3.12", e="5.6")
+@LIBRARY.builtin(cb3="3.15", e="5.10")
 def end_interpreter(host: ProgramHost) -> None:
     """Let interpreter_mode() return after the statement in progress; any thread and any `sec` program may call this."""
     host.programs.interpreter.end()
 
 
-@LIBRARY.builtin(cb3="3.12", e="5.6")
+@LIBRARY.builtin(cb3="3.15", e="5.10")
 def clear_interpreter(host: ProgramHost) -> None:
     """Remove all statements interpreted so far, with their functions, threads and variables, from the program.
 

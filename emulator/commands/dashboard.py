@@ -346,7 +346,7 @@ def set_operational_mode(controller: Controller, mode: str) -> str:
     if lower(mode).upper() not in _MODES_TO_SET:
         return f"Failed setting operational mode: {mode}"
     controller.operational_mode = mode.upper()
-    return f"Operational mode {mode} is set"
+    return replies.MODE_SET.format(mode)
 
 
 @command("get operational mode")

@@ -1,7 +1,8 @@
 """Inputs and outputs as registers and coils of the robot's Modbus server.
 
-A word holds the standard signals from bit 0 on, followed by those of the tool (bits 8 and 9). That signal 0 is the
-lowest bit is a guess, and so is the full scale of analog signals: 4-20 mA or 0-10 V.
+A word holds the standard signals from bit 0 on, followed by those of the tool (bits 8 and 9). Signal 0 is the lowest
+bit: the vendor's article on registers and digital I/O (19252) reads channels with integer_to_binary_list. The full
+scale of analog signals is a guess: 4-20 mA or 0-10 V.
 """
 
 from collections.abc import Callable

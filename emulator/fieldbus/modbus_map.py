@@ -8,8 +8,9 @@ A client reads the map in blocks, and it has gaps: reserved addresses, 259, and 
 article has an exception for an illegal "request address", which is taken to be the first one: the rest of a block reads
 as 0 where there is nothing to read (guess).
 
-Source: the vendor's article on the Modbus server (16377), as transcribed in public projects. Guesses: quantities that
-are too large for a word saturate; the angle of a joint is from 0 to a full turn, next to its number of turns.
+Source: the vendor's article on the Modbus server (16377), as transcribed in public projects. The angle of a joint is
+from 0 to a full turn, next to its number of turns, which is 65535 for negative angles (Universal Robots forum, thread
+641). That quantities that are too large for a word saturate is a guess.
 """
 
 import math

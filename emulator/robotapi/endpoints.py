@@ -186,14 +186,14 @@ def get_operational_mode(controller: Controller) -> OperationalModeAnswer:
 def put_load(controller: Controller, program: LoadProgram) -> Generator[None, None, Done]:
     """Load a stored program. Since API 3.1.4, use PUT /program/v1/loaded."""
     yield from _load(controller, program.programName)
-    return Done(_OK)
+    return Done(robotapi.PROGRAM_LOADED)
 
 
 @endpoint(robotapi.PUT_LOADED)
 def put_loaded(controller: Controller, program: LoadedProgram) -> Generator[None, None, Done]:
     """Load a stored program; a running program is stopped."""
     yield from _load(controller, program.name)
-    return Done(_OK)
+    return Done(robotapi.PROGRAM_LOADED)
 
 
 def _load(controller: Controller, name: str) -> Generator[None, None, None]:

@@ -7,7 +7,7 @@ from zlib import crc32
 from emulator.motion.reach import dexterity
 from emulator.robot.electrics import ROOM_C
 from emulator.snapshot import Snapshot
-from urproto.modes import AnalogDomain, RobotMode, SafetyMode, SafetyStatusBits
+from urproto.modes import AnalogDomain, KinematicsStatus, RobotMode, SafetyMode, SafetyStatusBits
 from urproto.primary.state import (
     AdditionalInfo,
     CalibrationData,
@@ -71,7 +71,9 @@ def kinematics_info(model: RobotModel) -> KinematicsInfo:
     """Return the Denavit-Hartenberg parameters: nominal, as a simulator sends them, or those of a calibrated arm."""
     dh = model.dh if model.calibration is None else model.calibration
     info = KinematicsInfo(dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha)
-    return info if model.calibration is None else replace(info, checksum=_checksums(dh))
+    if model.calibration is None:
+        return info
+    return replace(info, checksum=_checksums(dh), status=KinematicsStatus.LINEARISED)
 
 
 def _checksums(dh: DH) -> tuple[int, ...]:

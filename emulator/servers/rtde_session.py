@@ -6,9 +6,10 @@ States of the output side:
     PAUSED     a valid output recipe, but no data is sent
     STARTED    data is sent
 
-Inputs do not depend on this state: a public client sends them without ever starting.
-Undocumented and therefore guesses: after a new output recipe in the state STARTED, data continues with that recipe; an
-empty recipe and a frequency that is not a positive number are refused.
+Inputs do not depend on this state: a public client sends them without ever starting. A controller does not start
+without a variable in the output recipe (RTDE_Python_Client_Library issue 13, 5.22), so an empty one is not valid.
+Undocumented and therefore guesses: after a new output recipe in the state STARTED, data continues with that recipe; a
+frequency that is not a positive number is refused.
 
 An input variable has one writer at a time: another connection that requests it gets IN_USE until the first one has
 closed.

@@ -11,14 +11,18 @@ import yaml
 from typer.testing import CliRunner
 
 from client import Robot, read_calibration
+from client.calibration import calibration_of
 from client.cli import app
+from client.driver.config import calibration_problem
 from client.errors import FileError
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.config import read_calibration as calibrated
 from emulator.machine import ControllerConfig
 from urproto.errors import RobotRefused
-from urproto.robots import Calibration, load_model
+from urproto.modes import KinematicsStatus
+from urproto.primary.state import KinematicsInfo
+from urproto.robots import Calibration, CalibrationError, load_model
 from urproto.testing.process import claim_address
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -136,3 +140,20 @@ def test_files_that_cannot_be_used(tmp_path: Path) -> None:
     with pytest.raises(FileError):
         run("describe", "ur5e", "-o", tmp_path / "missing" / "arm.urdf")
     assert Calibration.of(load_model("ur5e").dh).is_whole
+
+
+@pytest.mark.parametrize("status", [KinematicsStatus.NOT_INITIALISED, KinematicsStatus.LINEARISED])
+def test_a_simulator_and_a_calibrated_arm_have_no_problem(status: KinematicsStatus) -> None:
+    assert calibration_problem(kinematics(status), None) is None
+    assert calibration_of(kinematics(status)).dh == load_model("ur5e").dh
+
+
+def test_an_arm_without_linearisation() -> None:
+    assert "status is 1" in str(calibration_problem(kinematics(KinematicsStatus.NOT_LINEARISED), None))
+    with pytest.raises(CalibrationError, match="status is 1"):
+        calibration_of(kinematics(KinematicsStatus.NOT_LINEARISED))
+
+
+def kinematics(status: KinematicsStatus) -> KinematicsInfo:
+    dh = load_model("ur5e").dh
+    return KinematicsInfo(dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha, status=status)

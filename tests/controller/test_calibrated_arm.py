@@ -7,6 +7,7 @@ import pytest
 
 from emulator.config import read_calibration
 from emulator.servers.primary_state import kinematics_info
+from urproto.modes import KinematicsStatus
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_sub
 from urproto.testing.virtual import virtual_robot
@@ -40,7 +41,7 @@ def test_kinematics_info(model: RobotModel) -> None:
     assert nominal.dh_d == model.dh.d
     assert len(set(info.checksum)) == 6
     assert nominal.checksum == (0xFFFFFFFF,) * 6
-    assert info.status == nominal.status
+    assert (info.status, nominal.status) == (KinematicsStatus.LINEARISED, KinematicsStatus.NOT_INITIALISED) == (2, 0)
 
 
 def test_a_linear_move_is_straight(calibrated) -> None:

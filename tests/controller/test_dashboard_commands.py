@@ -119,9 +119,9 @@ E_SERIES = [
     ("get robot model", "UR5"),
     ("programState", "STOPPED <unnamed>"),
     ("get operational mode", "NONE"),
-    ("set operational mode automatic", "Operational mode automatic is set"),
+    ("set operational mode automatic", "Operational mode 'automatic' is set"),
     ("set operational mode sideways", "Failed setting operational mode: sideways"),
-    ("clear operational mode", r"No longer controlling the operational mode\..*"),
+    ("clear operational mode", r"No longer controlling the operational mode\. Current operational mode: 'NONE'\."),
     ("setUserRole none", "could not understand: 'setUserRole none'"),
     ("getUserRole", "could not understand: 'getUserRole'"),
 ]

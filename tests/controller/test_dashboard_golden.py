@@ -17,7 +17,7 @@ from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 TABLE = Path(__file__).parents[1] / "golden" / "dashboard.tsv"
 ROWS = [line.split("\t") for line in TABLE.read_text().splitlines() if not line.startswith("#")]
-ORIGINS = {"arm", "e", "cb", "urcl", "3.15.8", "5.11.9", "ur_rtde", "local"}  # as the header of the file explains
+ORIGINS = {"arm", "e", "cb", "urcl", "3.15.8", "5.11.9", "ur_rtde", "local", "op"}  # as the header of the file explains
 SERIES = {"cb3": [Series.CB3], "e": [Series.E], "both": [Series.CB3, Series.E]}
 MODELS = {Series.CB3: "ur3", Series.E: "ur3e"}
 FIRST = {Series.CB3: PolyscopeVersion(3, 0), Series.E: PolyscopeVersion(5, 0)}

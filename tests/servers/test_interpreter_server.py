@@ -117,7 +117,9 @@ def test_hooks_see_lines(server: InterpreterServer, controller: FakeController) 
     assert client.take() == f"{Direction.SENT.value} ack\n".encode()
 
 
-@pytest.mark.parametrize(("model", "version", "there"), [("ur3", "3.11", 0), ("ur3", "3.12", 1), ("ur5e", "5.5", 0)])
+@pytest.mark.parametrize(
+    ("model", "version", "there"), [("ur3", "3.14", 0), ("ur3", "3.15", 1), ("ur5e", "5.9", 0), ("ur5e", "5.10", 1)]
+)
 def test_versions(model: str, version: str, there: bool) -> None:
     config = ControllerConfig(model=load_model(model), version=PolyscopeVersion.parse(version))
     names = [server.name for server in make_servers(Controller(config))]

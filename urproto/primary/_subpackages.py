@@ -315,7 +315,7 @@ class KinematicsInfo(SubPackage):
     dh_a: Vector6 = ZERO6
     dh_d: Vector6 = ZERO6
     dh_alpha: Vector6 = ZERO6
-    status: int = KinematicsStatus.OK
+    status: int = KinematicsStatus.NOT_INITIALISED
 
     @classmethod
     def _read(cls, reader: Reader) -> Self:
