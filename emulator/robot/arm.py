@@ -49,8 +49,9 @@ if TYPE_CHECKING:
 class ToolState:
     """Poses, speeds and accelerations of the TCP in the base frame; the elbow's position and velocity."""
 
-    def __init__(self, kinematics: Kinematics) -> None:
+    def __init__(self, kinematics: Kinematics, elbow_offset_m: float) -> None:
         self._kinematics = kinematics
+        self._elbow_offset = elbow_offset_m
         self.flange_pose: Pose = ZERO6
         self.flange_axes: Matrix3 = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
         self.pose: Pose = ZERO6
@@ -71,7 +72,7 @@ class ToolState:
         self._update_elbow(q, period_s, moving=qd != ZERO6 and not started)
 
     def _update_elbow(self, q: Vector6, period_s: float, *, moving: bool) -> None:
-        position = self._kinematics.elbow_position(q)
+        position = self._kinematics.elbow_position(q, self._elbow_offset)
         x, y, z = sub3(position, self.elbow_position)
         self.elbow_velocity = (x / period_s, y / period_s, z / period_s) if moving else ZERO3
         self.elbow_position = position
@@ -118,8 +119,8 @@ class Arm:
         self.measured_tcp_pose: Pose = ZERO6
         self.measured_tcp_speed: Vector6 = ZERO6
         self.tcp_offset: Pose = ZERO6
-        self._tool = ToolState(self.kinematics)
-        self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics)
+        self._tool = ToolState(self.kinematics, model.elbow_offset)
+        self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics, model.elbow_offset)
         self.mounted: Payload | None = None  # true payload on the flange; None: the one set by the program
         self.wrench: Vector6 = ZERO6  # external, before zeroing
         self.tcp_force: Vector6 = ZERO6
@@ -175,7 +176,7 @@ class Arm:
 
     @property
     def elbow_position(self) -> Vector3:
-        """Actual position of the elbow."""
+        """Actual position of the elbow that the controller monitors."""
         return self._tool.elbow_position
 
     @property
