@@ -458,7 +458,7 @@ class Arm:
             self.actual_torque = sub(self.target_torque, add(self._joint_torques(outside), self.link_torque))
             self.actual_current = self._currents(self.actual_torque)
             self._check_currents()
-        self.control_output = self.actual_current
+        self.control_output = self._demanded(self.actual_current)
 
     def _measured_currents(self, drives: Drives) -> None:
         """Currents and torques of a dynamic arm in the last period, as measured by its current sensors."""
@@ -466,11 +466,18 @@ class Arm:
         self.target_current = self._currents(add(self.target_torque, self._known_friction(self.target_qd)))
         motors = self._currents(add(drives.torque, self._static_friction.torque(drives.body.qd)))
         self.actual_current = self._sensors.currents(motors, drives.body.qd)
-        # Measured at rest: on a UR10 it follows the actual currents, on two e-Series arms it equals the target currents
-        self.control_output = motors if self.model.series is Series.CB3 else self._currents(drives.torque)
+        self.control_output = self._demanded(motors)
         a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.torque_constants)
         self.actual_torque = (a, b, c, d, e, f)
         self._check_currents()
+
+    def _demanded(self, motors: Vector6) -> Vector6:
+        """The control currents that the robot reports, given those of its motors.
+
+        A UR10 at rest reports its motors' currents. Three e-Series arms report their target currents: two at rest, and
+        a UR5e also in motion while a hand pushed it (philipmarschner/dmp_project, demonstrations of May 17).
+        """
+        return motors if self.model.series is Series.CB3 else self.target_current
 
     def _check_currents(self) -> None:
         excess = sub(self.actual_current, self.target_current)
