@@ -12,7 +12,7 @@ from enum import Enum
 from typing import Final
 
 from urproto.errors import RemoteProtocolError
-from urproto.facts.ledger import availability
+from urproto.facts.tables import availability
 from urproto.text import from_bytes, strip, to_bytes
 
 AVAILABLE: Final = availability("service.interpreter")

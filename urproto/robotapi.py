@@ -10,8 +10,8 @@ from typing import Final, Literal
 from urllib.parse import quote
 
 from urproto.compat import StrEnum
-from urproto.facts.ledger import find
 from urproto.facts.scope import Situation
+from urproto.facts.tables import find
 from urproto.modes import RobotMode, SafetyMode
 from urproto.versions import Availability, PolyscopeVersion
 

@@ -68,7 +68,7 @@ from urscript.syntax import (
 from urscript.values import MAX_STRING
 from urscript.work import Steps
 
-MUTATORS = frozenset(["append", "clear", "insert", "pop", "remove"])
+MUTATORS = frozenset(["append", "clear", "extend", "insert", "pop", "remove"])
 """List methods that modify the list: the variable is rebound to the list they return."""
 
 _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {

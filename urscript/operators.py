@@ -399,13 +399,15 @@ def _check_elements(count: int, budget: int) -> None:
 
 
 def index(value: Value, position: Value) -> Value:
-    """``value[position]`` of a list, a pose, or a matrix (a row)."""
+    """``value[position]`` of a list, a pose, a matrix (a row), or a struct (a member, e-Series manual of 5.19)."""
     if isinstance(value, list):
         if position.__class__ is int and 0 <= position < len(value):  # the usual case
             return value[position]
         return value[_within(position, len(value))]
     if value.__class__ is Matrix:
         return list(value.rows[_within(position, len(value.rows))])
+    if value.__class__ is Struct:
+        return list(value.members.values())[_within(position, len(value.members))]
     raise RuntimeFault(f"Type error: '{type_name(value)}' cannot be indexed")
 
 
@@ -484,8 +486,7 @@ def set_item(value: Value, key: Key, item: Value) -> Value:
         result = copied(value)
         result[key] = item
     elif key.__class__ is str:
-        member(value, key)
-        result = Struct({**value.members, key: item})
+        result = Struct({**value.members, key: retype(member(value, key), item)})  # it keeps its type: manual of 5.19
     elif key.__class__ is tuple:
         cell(value, *key)
         result = _with_cell(value, int(key[0]), int(key[1]), item)
@@ -527,7 +528,8 @@ def retype(old: Value, new: Value) -> Value:
     """Check the new value of a global when its Python type differs from that of the old one; return it.
 
     Raises RuntimeFault when the URScript types differ. int and float count as one type, because production programs
-    rely on it; none can be assigned to any variable (a guess).
+    rely on it; none can be assigned to any variable (a guess). A list takes the members of a struct, if they have the
+    type of its elements (e-Series manual of 5.19).
     """
     if old is UNSET or old is None or new is None:
         return new
@@ -536,8 +538,16 @@ def retype(old: Value, new: Value) -> Value:
     expected, found = type_name(old), type_name(new)
     if expected == found:
         return new
+    if isinstance(old, list) and new.__class__ is Struct and expected == "List":
+        members = list(new.members.values())
+        if len({_element_type(value) for value in (*old, *members)}) <= 1:
+            return check_size(members)
     # "exected" is the controller's spelling.
     raise RuntimeFault(f"Type error: left-hand side of the expression exected type '{expected}' but found '{found}'")
+
+
+def _element_type(value: Value) -> str:
+    return "number" if value.__class__ in _NUMBERS else type_name(value)
 
 
 def retype_fixed(old: Value, new: Value) -> Value:

@@ -27,7 +27,6 @@ from client.planning.solids import (
 from urproto.robots.calibration import Chain, chain_of
 from urproto.robots.shapes import Capsule, capsules, cylinders
 from urproto.vectors import ZERO3
-from urscript.polyscope.safety_configuration import elbow_radius
 
 _Vector = npt.NDArray[np.float64]
 
@@ -183,8 +182,9 @@ class CollisionModel:
         balls += [(f"tool sphere {n}", s.centre, s.radius) for n, s in enumerate(safety.configuration.tool_spheres, 1)]
         for name, centre, radius in balls:
             self._add(name, 6, at(centre), coal.Sphere(radius), hypot(*centre) + radius)
-        radius = max(_POINT_M, elbow_radius(self._scene.model))
-        self._add("the elbow", _ELBOW, at(ZERO3), coal.Sphere(radius), radius)
+        model = self._scene.model
+        radius, offset = max(_POINT_M, model.elbow_radius), model.elbow_offset
+        self._add("the elbow", _ELBOW, at((0.0, 0.0, offset)), coal.Sphere(radius), offset + radius)
         for plane in safety.planes:
             name = f"safety plane {plane.name}"
             self._add(name, 0, at(ZERO3), coal.Halfspace(np.array(plane.normal), -plane.distance))  # the forbidden side

@@ -155,10 +155,10 @@ def get_joint_temp(host: ProgramHost, j: Int) -> float:
     return host.machine.snapshot.joint_temperatures[j]
 
 
-@LIBRARY.builtin(status="partial", note="a constant")
+@LIBRARY.builtin()
 def get_controller_temp(host: ProgramHost) -> float:
-    """Temperature of the control box [degC]."""
-    return 25.0  # guess: a control box in a cool room
+    """Temperature of the control box [degC], as in the masterboard data of the primary interface."""
+    return host.machine.snapshot.board_temperature
 
 
 @LIBRARY.builtin(cb3=None, e="5.0")

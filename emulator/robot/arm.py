@@ -49,8 +49,9 @@ if TYPE_CHECKING:
 class ToolState:
     """Poses, speeds and accelerations of the TCP in the base frame; the elbow's position and velocity."""
 
-    def __init__(self, kinematics: Kinematics) -> None:
+    def __init__(self, kinematics: Kinematics, elbow_offset_m: float) -> None:
         self._kinematics = kinematics
+        self._elbow_offset = elbow_offset_m
         self.flange_pose: Pose = ZERO6
         self.flange_axes: Matrix3 = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
         self.pose: Pose = ZERO6
@@ -71,7 +72,7 @@ class ToolState:
         self._update_elbow(q, period_s, moving=qd != ZERO6 and not started)
 
     def _update_elbow(self, q: Vector6, period_s: float, *, moving: bool) -> None:
-        position = self._kinematics.elbow_position(q)
+        position = self._kinematics.elbow_position(q, self._elbow_offset)
         x, y, z = sub3(position, self.elbow_position)
         self.elbow_velocity = (x / period_s, y / period_s, z / period_s) if moving else ZERO3
         self.elbow_position = position
@@ -117,8 +118,8 @@ class Arm:
         self.measured_tcp_pose: Pose = ZERO6
         self.measured_tcp_speed: Vector6 = ZERO6
         self.tcp_offset: Pose = ZERO6
-        self._tool = ToolState(self.kinematics)
-        self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics)
+        self._tool = ToolState(self.kinematics, model.elbow_offset)
+        self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics, model.elbow_offset)
         self.mounted: Payload | None = None  # true payload on the flange; None: the one set by the program
         self.wrench: Vector6 = ZERO6  # external, before zeroing
         self.tcp_force: Vector6 = ZERO6
@@ -175,7 +176,7 @@ class Arm:
 
     @property
     def elbow_position(self) -> Vector3:
-        """Actual position of the elbow."""
+        """Actual position of the elbow that the controller monitors."""
         return self._tool.elbow_position
 
     @property
@@ -469,7 +470,7 @@ class Arm:
             self.collisions.compare(sub(self.actual_current, self.target_current))
         else:
             self.collisions.clear()
-        self.control_output = self.actual_current
+        self.control_output = self._demanded(self.actual_current)
 
     def _measured_currents(self, drives: Drives) -> None:
         """Currents and torques of a dynamic arm in the last period, as measured by its current sensors."""
@@ -477,11 +478,18 @@ class Arm:
         self.target_current = self._currents(add(self.target_torque, self._known_friction(self.target_qd)))
         motors = self._currents(add(drives.torque, self._static_friction.torque(drives.body.qd)))
         self.actual_current = self._sensors.currents(motors, drives.body.qd)
-        # Measured at rest: on a UR10 it follows the actual currents, on two e-Series arms it equals the target currents
-        self.control_output = motors if self.model.series is Series.CB3 else self._currents(drives.torque)
+        self.control_output = self._demanded(motors)
         a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.torque_constants)
         self.actual_torque = (a, b, c, d, e, f)
         self.collisions.compare(sub(self.actual_current, self.target_current))
+
+    def _demanded(self, motors: Vector6) -> Vector6:
+        """The control currents that the robot reports, given those of its motors.
+
+        A UR10 at rest reports its motors' currents. Three e-Series arms report their target currents: two at rest, and
+        a UR5e also in motion while a hand pushed it (philipmarschner/dmp_project, demonstrations of May 17).
+        """
+        return motors if self.model.series is Series.CB3 else self.target_current
 
     def _currents(self, torque: Vector6) -> Vector6:
         k = self.torque_constants

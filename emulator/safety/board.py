@@ -29,7 +29,6 @@ from urscript.polyscope.safety_configuration import (
     SafetyConfiguration,
     SafetyInput,
     SafetyOutput,
-    elbow_radius,
     simulator_configuration,
 )
 
@@ -137,7 +136,7 @@ class SafetyBoard:
         self.on_restart: Callable[[], None] = lambda: None
         self.configuration = machine.config.safety or simulator_configuration(model)
         self.inputs = SafetyInputs(self.configuration, machine.signals)
-        self.boundaries = Boundaries(self.configuration, elbow_radius(model))
+        self.boundaries = Boundaries(self.configuration, model.elbow_radius)
         self.governor = Governor(model, machine.arm, machine.period_s, self.limits)
         self.supervision = Supervision(model, machine.period_s, self_collision=machine.config.self_collision)
         self._conditions = Conditions(machine, self.configuration, self.inputs, self.boundaries, self.supervision)
@@ -287,7 +286,7 @@ class SafetyBoard:
         machine.power_event(PowerEvent.POWER_OFF)
         self.configuration = configuration
         self.inputs.assign(configuration)
-        self.boundaries = Boundaries(configuration, elbow_radius(machine.model))
+        self.boundaries = Boundaries(configuration, machine.model.elbow_radius)
         self._conditions.use(configuration, self.boundaries)
         self._checksum = configuration.checksum
         self.supervision.reset()

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import acos, dist
+from math import acos, dist, inf
 from typing import Final
 
 from emulator.robot.arm import Arm
@@ -12,10 +12,10 @@ from urproto.robots.pose import rotvec_to_matrix
 from urproto.vectors import Vector3, rotate
 from urscript.polyscope.safety_configuration import BoundaryMode, Plane, SafetyConfiguration, ToolOrientation
 
-# Between the flange's centre and the lower arm's axis, UR5e with 5.8 (vendor's answer in its forum): a cylinder and a
-# sphere of 37.5 mm each, 28 mm apart. 7 mm more, because the housing is that far from the axis of our geometry; a
-# reported pose that stops a UR5e is 109 mm away here. That other arms have the same measure is a guess.
-CLAMPING_M: Final = 0.0375 + 0.0375 + 0.028 + 0.007
+# Between the sphere around the flange and the cylinder around the lower arm: 28 mm on a UR5e with 5.8 (vendor's answer
+# in its forum, thread 16142, which has the radii of the model's data). 2 mm more, because a pose that is reported to
+# stop a UR5e is 29.7 mm away here. That other arms keep the same distance is a guess.
+_CLAMPING_GAP_M: Final = 0.028 + 0.002
 
 _MODES: Final = {
     SafetyMode.NORMAL: (BoundaryMode.NORMAL, BoundaryMode.BOTH),
@@ -97,13 +97,17 @@ def tool_deviation(orientation: ToolOrientation, arm: Arm) -> float:
     return acos(min(1.0, max(-1.0, x * u + y * v + z * w)))
 
 
-def clamping_distance(model: RobotModel, arm: Arm) -> float:
-    """Distance from the flange's centre to the axis of the lower arm, elbow to wrist 1, in the arm's plane [m]."""
-    ax, ay, az = arm.elbow_position
-    bx, by, bz = arm.kinematics.wrist_position(arm.q)
+def clamping_room(model: RobotModel, arm: Arm) -> float:
+    """How far the flange may still come towards the lower arm before it could clamp a hand [m]; infinite on CB3."""
+    shapes = model.clamping
+    if shapes is None:
+        return inf
+    ax, ay, az = arm.kinematics.elbow_position(arm.q, shapes.lower_arm_offset)
+    bx, by, bz = arm.kinematics.wrist_position(arm.q, shapes.lower_arm_offset)
     x, y, z, *_ = arm.flange_pose
     ux, uy, uz = bx - ax, by - ay, bz - az
     length = model.dh.a[2] * model.dh.a[2]
     share = ((x - ax) * ux + (y - ay) * uy + (z - az) * uz) / length
     share = min(1.0, max(0.0, share))
-    return dist((x, y, z), (ax + share * ux, ay + share * uy, az + share * uz))
+    distance = dist((x, y, z), (ax + share * ux, ay + share * uy, az + share * uz))
+    return distance - shapes.flange_radius - shapes.lower_arm_radius - _CLAMPING_GAP_M

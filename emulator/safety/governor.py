@@ -84,7 +84,7 @@ class Governor:
         limits, arm, period = self._limits, self._arm, self._period
         target = tuple(now + move for now, move in zip(q, step, strict=True))
         tool = dist(arm.kinematics.forward(q, arm.tcp_offset)[:3], arm.kinematics.forward(target, arm.tcp_offset)[:3])
-        elbow = dist(arm.kinematics.elbow_position(q), arm.kinematics.elbow_position(target))
+        elbow = dist(*(arm.kinematics.elbow_position(place, arm.model.elbow_offset) for place in (q, target)))
         qd = tuple(move / period for move in step)
         # the stopping distance grows with the square of the speed
         length = sqrt(0.5 * max(tool, elbow) / period * time / limits.stopping_distance)

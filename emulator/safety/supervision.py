@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from emulator.robot.arm import Arm
 from emulator.safety.causes import Cause
-from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
+from emulator.safety.geometry import Boundaries, clamping_room, tool_deviation
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
 from urproto.vectors import ZERO6, largest, within
@@ -280,12 +280,11 @@ class Supervision:
         self._clamping_room -= (abs(wrist[0] - fourth) + abs(wrist[1] - fifth)) * self._wrist_m
         if self._clamping_room > 0.0:
             return None
-        distance = clamping_distance(self._model, arm)
-        self._clamping_room = distance - CLAMPING_M
-        before, self._clamping_before = self._clamping_before, distance
-        if distance >= CLAMPING_M or before is None or distance >= before:
+        self._clamping_room = room = clamping_room(self._model, arm)
+        before, self._clamping_before = self._clamping_before, room
+        if room >= 0.0 or before is None or room >= before:
             return None
-        text = f"the flange is {1000.0 * distance:.0f} mm from the lower arm's axis: move it away"
+        text = f"the flange is {-1000.0 * room:.1f} mm too close to the lower arm, where it clamps hands: move it away"
         return Finding(Cause.CLAMPING, None, text)
 
     def _touching(self, links: "Links", arm: Arm) -> Finding | None:

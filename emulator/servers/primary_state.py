@@ -28,10 +28,10 @@ from urproto.primary.state import (
 from urproto.robots import DH, RobotModel
 from urproto.robots.model import Joints
 from urproto.versions import Series
-from urscript.polyscope.safety_configuration import elbow_radius
 
-_MASTERBOARD_VERSION = 6  # from a UR5e simulator 5.24; that all others send the same is a guess
-# added to each joint's highest speed: a UR5e simulator 5.24 sends pi + 0.2; that all others do so is a guess
+_MASTERBOARD_VERSION = 6  # CB3 (configuration files of URSim 3.5.0); a UR5e simulator 5.24 sends it as well
+# added to each joint's highest speed: v_max in the configuration files of URSim 3.5.0 and of a UR5e's controller, which
+# have all joints from the UR3's to the UR10e's
 _SPEED_MARGIN_RAD_S = 0.2
 _POWERED = frozenset({RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.BACKDRIVE, RobotMode.RUNNING})
 
@@ -56,7 +56,7 @@ def robot_state(snapshot: Snapshot, model: RobotModel) -> RobotStateData:
             flag0=on_e_series,
             flag1=on_e_series,
             elbow_position=snapshot.elbow_position,
-            elbow_radius=elbow_radius(model),
+            elbow_radius=model.elbow_radius,
         ),
         tool_communication=ToolCommunicationInfo(**snapshot.tool_communication._asdict()),
         tool_mode=ToolModeInfo(

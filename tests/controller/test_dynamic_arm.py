@@ -87,8 +87,8 @@ def test_a_push_deflects_the_arm_at_first_and_is_then_held(still):
         assert error_rad(still) < 5e-5
         jacobian = still.controller.arm.kinematics.jacobian(still.now.actual_q)
         pressed = [-newton * z for z in jacobian[2]]
-        measured_parts = [a - b for a, b in zip(still.now.joint_control_output, still.now.target_current, strict=True)]
-        held = [a * k for a, k in zip(measured_parts, still.controller.arm.torque_constants, strict=True)]
+        arm = still.controller.arm
+        held = [a - b for a, b in zip(arm.drives.torque, arm.target_torque, strict=True)]
         assert held == pytest.approx([-torque for torque in pressed], abs=0.1)
     assert 1e-4 < sags[0] < 2e-3
     still.controller.external_wrench = ZERO6
@@ -229,7 +229,7 @@ def test_measured_torque_agrees_with_the_measured_motion(make):
         for v, i in zip(speed, range(6), strict=True):
             if abs(v) > 0.1:
                 friction = drives.viscous_Nm_s[i] * v + math.copysign(drives.coulomb_Nm[i], v)
-                torque = snapshot.joint_control_output[i] * drives.torque_constants_Nm_A[i]  # before noise
+                torque = rig.controller.arm.drives.torque[i]  # before noise
                 assert torque == pytest.approx(needed[i] + friction, abs=2.0)
                 assert snapshot.actual_current_as_torque[i] == pytest.approx(needed[i] + friction, abs=8.0)
                 assert body.qd[i] == pytest.approx(snapshot.actual_qd[i], abs=0.03)
@@ -585,13 +585,26 @@ def test_targets_of_an_ideal_arm_include_neither_rotors_nor_friction(make):
     assert currents == pytest.approx(rigid, abs=1e-9)
 
 
+@pytest.mark.parametrize(("model", "target"), [("ur5e", True), ("ur10", False)])
+def test_control_currents_of_an_arm_that_is_pushed_in_motion(make, model, target):
+    """philipmarschner/dmp_project, a real UR5e: they are its target currents; at rest, a UR10's are its motors'."""
+    rig = make(model, running=True, dynamic=True, initial_q=BENT)
+    rig.script("speedj([0.3, 0.1, 0, 0, 0, 0], 2, 3)")
+    rig.controller.external_wrench = (0.0, 20.0, -20.0, 0.0, 0.0, 0.0)
+    rig.seconds(0.5)
+    assert (rig.now.joint_control_output == rig.now.target_current) is target
+
+
 def test_currents_are_noisier_in_motion_than_at_rest(make):
     rig = make("ur10e", running=True, dynamic=True, initial_q=BENT)
     drives = drivetrain_of(rig.controller.model)
 
+    def error():
+        actual = rig.tick().actual_current
+        return np.subtract(actual, np.divide(rig.controller.arm.drives.torque, drives.torque_constants_Nm_A))
+
     def noise():
-        states = [rig.tick() for _ in range(500)]
-        return np.std([np.subtract(state.actual_current, state.joint_control_output) for state in states], axis=0)
+        return np.std([error() for _ in range(500)], axis=0)
 
     assert noise() == pytest.approx(drives.rest_noise_A, rel=0.2)
     rig.script("speedj([0.1, 0, 0, 0.1, 0, 0], 2, 3)")

@@ -10,7 +10,7 @@ from emulator.lifecycle.safety import SafetyEvent, StopCategory
 from emulator.robot.arm import Arm
 from emulator.safety.board import StopMonitor
 from emulator.safety.conditions import SafetyDevice
-from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance
+from emulator.safety.geometry import Boundaries, clamping_room
 from emulator.safety.governor import TRANSITION_S, Governor, operational
 from emulator.world.links import Links
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -337,7 +337,7 @@ def test_a_reported_pose_counts_as_clamping():
     arm = Arm(model)
     arm.q = CLAMPED
     arm._tool.update(CLAMPED, ZERO6, ZERO6, model.series.period_s, started=True)
-    assert 0.1 < clamping_distance(model, arm) < CLAMPING_M
+    assert -0.001 < clamping_room(model, arm) < 0.0
 
 
 @pytest.mark.parametrize(("model", "expected"), [("ur5e", [(403, 0)]), ("ur5", [])])

@@ -17,7 +17,6 @@ from urscript.polyscope.safety_configuration import (
     Plane,
     SafetyConfiguration,
     ToolSphere,
-    elbow_radius,
     factory_configuration,
 )
 
@@ -36,7 +35,7 @@ def configuration(*planes: Plane, spheres: tuple[ToolSphere, ...] = ()) -> Safet
     ("plane", "start", "goal"),
     [
         (Plane("front", (1.0, 0.0, 0.0), 0.6, BoundaryMode.BOTH), START, GOAL),
-        (Plane("front", (1.0, 0.0, 0.0), 0.48, BoundaryMode.BOTH, elbow=True), *LOW_ELBOW),
+        (Plane("front", (1.0, 0.0, 0.0), 0.52, BoundaryMode.BOTH, elbow=True), *LOW_ELBOW),
     ],
     ids=["tool", "elbow"],
 )
@@ -51,7 +50,8 @@ def test_plans_stay_within_safety_planes(plane: Plane, start: Joints, goal: Join
         places = [plane.depth(arm.forward(q, TCP)[:3])]
         places.append(plane.depth(arm.forward(q, (*ball.centre, 0.0, 0.0, 0.0))[:3]) - ball.radius)
         if plane.elbow:
-            places.append(plane.depth(arm.elbow_position(q)) - elbow_radius(scene.model))
+            elbow = arm.elbow_position(q, scene.model.elbow_offset)
+            places.append(plane.depth(elbow) - scene.model.elbow_radius)
         return min(places)
 
     assert min(map(depth, samples(planner.plan(start, JointGoal(goal))))) < 0.0

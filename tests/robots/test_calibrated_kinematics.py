@@ -46,8 +46,9 @@ def test_forward_kinematics(model: RobotModel) -> None:
             transform(kinematics.forward(q)), product_of_links(model.calibration, q), rtol=0, atol=1e-11
         )
         assert 1e-5 < apart(kinematics.forward(q), nominal.forward(q)) < 0.02
-        assert math.dist(kinematics.elbow_position(q), nominal.elbow_position(q)) < 0.01
-        assert math.dist(kinematics.wrist_position(q), nominal.wrist_position(q)) < 0.01
+        for offset in (0.0, 0.1):
+            assert math.dist(kinematics.elbow_position(q, offset), nominal.elbow_position(q, offset)) < 0.01
+            assert math.dist(kinematics.wrist_position(q, offset), nominal.wrist_position(q, offset)) < 0.01
 
 
 def test_jacobian_is_the_rate_of_the_pose(model: RobotModel) -> None:

@@ -301,3 +301,29 @@ def test_other_arm_geometries_are_refused() -> None:
 def test_five_joints_are_refused() -> None:
     with pytest.raises(ValueError, match="unpack"):
         Kinematics(load_model("ur3").dh).forward((0.0,) * 5)
+
+
+@pytest.mark.parametrize(
+    ("model", "q", "elbow"),
+    # captures that tests/golden/README.md names: simulators of 5.24 and an early 5.x, a UR10 arm
+    [
+        (
+            "ur5e",
+            (-1.6007, -1.7271, -2.203, -0.808, 1.5951, -0.031),
+            (-0.09493652093799841, -0.06334869948453058, 0.5823190077471572),
+        ),
+        (
+            "ur3e",
+            (0.12321250481647548, -1.5601252688133753, -1.558624557501262, -1.5092448898616508, 1.5561128, 0.349373588),
+            (0.00725289441037171, -0.07971292080654459, 0.39538613341588874),
+        ),
+        (
+            "ur10",
+            (-1.4538119474994105, -2.0515649954425257, -0.6825364271747034, -1.969449345, 1.507378816, 1.295376777),
+            (0.03303415733236396, -0.28109158985187077, 0.6699234998264342),
+        ),
+    ],
+)
+def test_elbow_of_captured_states(model: str, q: Joints, elbow: tuple[float, float, float]) -> None:
+    arm = load_model(model)
+    assert Kinematics(arm.dh).elbow_position(q, arm.elbow_offset) == pytest.approx(elbow, abs=1e-9)

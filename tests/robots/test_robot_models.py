@@ -144,3 +144,30 @@ def test_an_invalid_file_is_reported_with_the_entry(before: str, after: str, com
     assert before in UR3_TEXT
     with pytest.raises(ValueError, match=complaint):
         RobotModel.from_toml(UR3_TEXT.replace(before, after, 1), "ur3")
+
+
+@pytest.mark.parametrize("name", ["ur3", "ur3e"])
+def test_the_wrists_of_the_smallest_arms_accelerate_faster(name: str) -> None:
+    """a_max of joint size 0: configuration files of URSim 3.5.0 and of a UR5e's controller."""
+    assert load_model(name).qdd_max == (40.0, 40.0, 40.0, 80.0, 80.0, 80.0)
+
+
+# torque constants of the motors by joint size, as in the configuration files of a UR5e's controller (2023); the gears
+# are 101:1
+MOTORS_NM_A = {0: 0.035685, 1: 0.07695, 2: 0.10756, 3: 0.098322, 4: 0.11968}
+
+
+@pytest.mark.parametrize(
+    ("name", "sizes"),
+    [
+        ("ur3e", (2, 2, 1, 0, 0, 0)),
+        ("ur5e", (3, 3, 3, 1, 1, 1)),
+        ("ur7e", (3, 3, 3, 1, 1, 1)),
+        ("ur10e", (4, 4, 3, 2, 2, 2)),
+        ("ur12e", (4, 4, 3, 2, 2, 2)),
+        ("ur16e", (4, 4, 3, 2, 2, 2)),
+    ],
+)
+def test_torque_constants_of_e_series_joints(name: str, sizes: tuple[int, ...]) -> None:
+    expected = [101 * MOTORS_NM_A[size] for size in sizes]
+    assert load_model(name).torque_constants == pytest.approx(expected, rel=2e-4)

@@ -173,6 +173,8 @@ RUNTIME_ERRORS = [
     ("def f():\n  broken()\nend", 2, 3, "internal error: ZeroDivisionError('oops')"),
     ("def f():\n  s = struct(a=1)\n  x = s.b\nend", 3, 9, "has no member 'b'"),
     ("def f():\n  x = 1\n  x.go()\nend", 3, 5, "'Int' has no method 'go'"),
+    ('def f():\n  s = struct(a=1)\n  s.a = "b"\nend', 3, 5, "exected type 'Int' but found 'Const String'"),
+    ('def f():\n  l = [1]\n  l = struct(a="b")\nend', 3, 3, "exected type 'List' but found 'Struct'"),
     ("def f():\n  def g(n):\n    return g(n)\n  end\n  g(1)\nend", 3, 12, "levels deep"),
     ('def f():\n  x = "a"\n  while True:\n    x = x + x\n  end\nend', 4, 11, "maximum length (1023 Bytes)"),
     ("def f():\n  kill [1]\nend", 2, 3, "kill expects a thread handle"),
@@ -236,6 +238,8 @@ def test_syntax_error_says_what_is_missing(compiled, text, line, column, problem
 
 
 # text, line, column, message, version
+FULL = "The list is full: its capacity is 1; make_list(length, value, capacity) sets it"
+
 FAULTS = [
     ("def f():\n  x = struct(1)\nend", 2, 7, "Type error: struct takes members as name=value, each name once", "5.22"),
     (
@@ -378,6 +382,16 @@ FAULTS = [
     ),
     ("def f():\n  x = make_list(9000, 0)\n  y = [x, x]\nend", 3, 7, "The value has more than 10000 elements", "5.22"),
     ("def f():\n  x = 1\n  y = x[0]\nend", 3, 8, "Type error: 'Int' cannot be indexed", "5.22"),
+    ("def f():\n  l = [1]\n  l.extend(1)\nend", 3, 5, "Type error: extend takes a list, not 'Int'", "5.22"),
+    ("def f():\n  l = [1]\n  l.extend([2])\nend", 3, 5, FULL, "5.22"),
+    ("def f():\n  l = [1]\n  k = l.slice(0, 2)\nend", 3, 9, "Index out of bounds: 0 to 2, the length is 1", "5.22"),
+    (
+        "def f():\n  m = [[1,2],[3,4]]\n  m.get_column(2)\nend",
+        3,
+        5,
+        "Index out of bounds: 2, there are 2 columns",
+        "5.22",
+    ),
     ("def f():\n  x = [1]\n  y = x[0,0]\nend", 3, 8, "Type error: 'List' cannot be indexed by row and column", "5.22"),
     ("def f():\n  x = 1\n  y = x.a\nend", 3, 9, "Type error: 'Int' has no member 'a'", "5.22"),
     ("def f():\n  x = 1\n  x[0] = 1\nend", 3, 4, "Type error: 'Int' cannot be indexed", "5.22"),

@@ -218,6 +218,19 @@ PROGRAMS = {
         "d = l.capacity()\ne = l.to_string()\nl.clear()",
         {"l": [], "a": 5, "b": 7, "c": 1, "d": 3, "e": "[0]"},
     ),
+    "more methods of lists": (
+        "l = make_list(2, 1, 5)\nl.extend([2,3])\na = l.excess_capacity()\nb = l.slice(1, 3)\nc = l.length()",
+        {"l": [1, 1, 2, 3], "a": 1, "b": [1, 2], "c": 4},
+    ),
+    "methods of structs and matrices": (
+        "s = struct(m=1, n=2)\na = s.length()\nb = s[1]\nm = [[1,2],[3,4]]\nc = m.get_column(1)\nd = m.get_row(1)\n"
+        "e = m.shape()\nf = m.to_string() == to_str(m)",
+        {"a": 2, "b": 2, "c": [2, 4], "d": [3, 4], "e": [2, 2], "f": True},
+    ),
+    "a list takes the members of a struct": (
+        'l = [0.0, 0.0]\nl = struct(m1 = 1.5, m2 = 2)\nt = ["a"]\nt = struct(m = "b")',
+        {"l": [1.5, 2], "t": ["b"]},
+    ),
     "list methods reach into structs and leave copies alone": (
         "s = struct(l=make_list(0, 0, 2))\nt = s\ns.l.append(1)\na = t.l.length()\nb = s.l.length()",
         {"a": 0, "b": 1},

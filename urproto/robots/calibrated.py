@@ -53,15 +53,13 @@ class CalibratedKinematics(Kinematics):
         """As for a nominal arm."""
         return self._joint_frames(q_rad)[-1]
 
-    def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
-        """Origin of joint 3 in the base frame [m]."""
-        return self._joint_frames(q_rad)[2][0]
+    def elbow_position(self, q_rad: Sequence[float], offset_m: float = 0.0) -> Vector3:
+        """As for a nominal arm, from the origin of joint 3."""
+        return _along_axis(self._joint_frames(q_rad)[2], offset_m)
 
-    def wrist_position(self, q_rad: Sequence[float]) -> Vector3:
-        """Intersection of joint 4's axis with the plane of the arm, in the base frame [m]."""
-        (x, y, z), axes = self._joint_frames(q_rad)[3]
-        offset = self._chain[3].position[2]
-        return (x - offset * axes[2], y - offset * axes[5], z - offset * axes[8])
+    def wrist_position(self, q_rad: Sequence[float], offset_m: float = 0.0) -> Vector3:
+        """As for a nominal arm."""
+        return _along_axis(self._joint_frames(q_rad)[3], offset_m - self._chain[3].position[2])
 
     def jacobian_at(self, q_rad: Sequence[float], pose_base_tcp: Sequence[float]) -> Jacobian:
         """As for a nominal arm."""
@@ -171,6 +169,11 @@ class CalibratedKinematics(Kinematics):
             )
             joint_frames.append(((x, y, z), (a, b, c, d, e, f, g, h, i)))
         return joint_frames
+
+
+def _along_axis(joint_frame: _JointFrame, distance_m: float) -> Vector3:
+    (x, y, z), axes = joint_frame
+    return (x + distance_m * axes[2], y + distance_m * axes[5], z + distance_m * axes[8])
 
 
 def _jacobian(joint_frames: Sequence[_JointFrame], point: Sequence[float]) -> Jacobian:

@@ -89,20 +89,24 @@ class Kinematics:
             z6z,
         )
 
-    def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
-        """Intersection of joint 3's axis with the plane of the arm, in the base frame [m].
+    def elbow_position(self, q_rad: Sequence[float], offset_m: float = 0.0) -> Vector3:
+        """Intersection of joint 3's axis with the plane of the arm, or a point away from it along that axis.
 
-        It is a guess that the controller uses this point, and not the housing next to it.
+        In the base frame [m].
         """
         q1, q2, *_ = q_rad
-        reach = self._a2 * cos(q2)
-        return (cos(q1) * reach, sin(q1) * reach, self._d1 + self._a2 * sin(q2))
+        s1, c1, reach = sin(q1), cos(q1), self._a2 * cos(q2)
+        return (c1 * reach + s1 * offset_m, s1 * reach - c1 * offset_m, self._d1 + self._a2 * sin(q2))
 
-    def wrist_position(self, q_rad: Sequence[float]) -> Vector3:
-        """Intersection of joint 4's axis with the plane of the arm, in the base frame [m]."""
+    def wrist_position(self, q_rad: Sequence[float], offset_m: float = 0.0) -> Vector3:
+        """Intersection of joint 4's axis with the plane of the arm, or a point away from it along that axis.
+
+        In the base frame [m].
+        """
         q1, q2, q3, *_ = q_rad
-        reach = self._a2 * cos(q2) + self._a3 * cos(q2 + q3)
-        return (cos(q1) * reach, sin(q1) * reach, self._d1 + self._a2 * sin(q2) + self._a3 * sin(q2 + q3))
+        s1, c1, reach = sin(q1), cos(q1), self._a2 * cos(q2) + self._a3 * cos(q2 + q3)
+        height = self._d1 + self._a2 * sin(q2) + self._a3 * sin(q2 + q3)
+        return (c1 * reach + s1 * offset_m, s1 * reach - c1 * offset_m, height)
 
     def jacobian(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Jacobian:
         """Geometric Jacobian at the TCP (at the flange without an offset), in base axes: [v, w] = J qd."""

@@ -70,6 +70,15 @@ class HousingRadii(NamedTuple):
     foot: float
 
 
+class ClampingShapes(NamedTuple):
+    """What must not come close: a sphere around the flange's centre and a cylinder around the lower arm [m]."""
+
+    flange_radius: float
+    lower_arm_radius: float
+    lower_arm_offset: float
+    """Of the cylinder's axis from the plane of the arm, along joint 3's axis."""
+
+
 class Span(NamedTuple):
     """A cylinder about a known axis: radius, and start and end along the axis [m]."""
 
@@ -144,6 +153,12 @@ class RobotModel:
     """Base, shoulder, upper arm, forearm, wrist 1, 2 and 3."""
     base_light: bool
     """Whether it has a light ring in its base."""
+    elbow_offset: float
+    """m; of the elbow that the controller reports and monitors, from the plane of the arm along joint 3's axis."""
+    elbow_radius: float
+    """m; of the sphere around it that planes restrict."""
+    clamping: ClampingShapes | None
+    """None: this arm does not stop where it could clamp a hand (CB3)."""
     calibration: DH | None = None
     """The calibration of an individual arm; None for a nominal arm."""
     drivetrain: Drivetrain | None = None
@@ -161,7 +176,7 @@ class RobotModel:
         """Build from a data file's text. Raises ValueError naming the entry that is missing or wrong."""
         table = _Table(load_toml(text), f"{name}.toml")
         limits, motion, links = table.sub("limits"), table.sub("motion"), table.tables("links")
-        shape = table.sub("shape")
+        shape, safety = table.sub("shape"), table.sub("safety")
         if len(links) != 6:
             raise ValueError(f"{name}.toml: there must be six [[links]], not {len(links)}")
         return cls(
@@ -193,6 +208,9 @@ class RobotModel:
             housing_radii=HousingRadii(*shape.numbers("housing_radii_m", 4)),
             cylinders=tuple(_cylinders(table.sub("cylinders").sub(name)) for name in _PARTS),
             base_light=shape.flag("base_light"),
+            elbow_offset=safety.number("elbow_offset_m"),
+            elbow_radius=safety.number("elbow_radius_m"),
+            clamping=ClampingShapes(*safety.numbers("clamping_m", 3)) if "clamping_m" in safety else None,
         )
 
 

@@ -33,7 +33,7 @@ def length(v: Any_) -> int:
     return _length("length", v)
 
 
-@LIBRARY.builtin(cb3=None, e="5.15", note="the first version is a guess")
+@LIBRARY.builtin(cb3=None, e="5.15")  # vendor's forum, thread 30144
 def make_list(length: Int, initial_value: Any_, capacity: Int | None = None) -> list[Value]:
     """A list of `length` times `initial_value` that can grow to `capacity` elements (default: `length`)."""
     room = length if capacity is None else whole(capacity, "capacity")

@@ -195,13 +195,6 @@ RECOVERY_LIMITS: Final = LimitSet(
 )
 
 
-def elbow_radius(model: RobotModel) -> float:
-    """Radius of the elbow sphere [m]; from captures of UR3e and UR5e simulators, guessed for other sizes."""
-    if model.series is Series.CB3:
-        return 0.0
-    return 0.1 if model.name == "ur3e" else 0.13
-
-
 def factory_configuration(model: RobotModel) -> SafetyConfiguration:
     """The safety configuration with which an arm of this model is delivered."""
     sets = (preset_of("default", model), preset_of("restricted", model))

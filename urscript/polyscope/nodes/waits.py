@@ -12,7 +12,7 @@ from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import ANALOG_INPUTS, DIGITAL_INPUTS, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_name, pin_reading
 
-_COMPARISONS: Final = {"0": "<", "1": ">"}  # guess: which is which
+_COMPARISONS: Final = {"0": "<", "1": ">"}  # description of program files of 5.15, FuNingHu/urp-generator-5
 _LEVELS: Final = {"1": "On", "0": "Off"}
 
 
@@ -122,8 +122,6 @@ WAIT: Final = Kind(
 @node(
     "Wait",
     WAIT,
-    status="partial",
-    note="it is a guess which of < and > an analog condition means",
     children="waitTime pin digitalValue analogComparison analogValue expression",
 )
 def wait(writer: Writer, element: Element) -> None:
