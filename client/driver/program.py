@@ -267,7 +267,7 @@ class ProgramSupervisor:
         await self._end_old_program()
         self.keep_alive.stop_reason = ""
         self.keep_alive.report_alive()
-        self._robot.clear_errors()
+        await self._robot.clear_errors()
         self._starting = self._config.headless
         try:
             if self._config.headless:

@@ -29,6 +29,7 @@ from urproto.versions import PolyscopeVersion
 _REQUIRED_OUTPUTS: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _MAX_KEPT: Final = 100  # error reports and popups, each
 _RECONNECT_S: Final = 1.0  # between attempts to reconnect
+_ON_ITS_WAY_US: Final = 10_000_000  # longer than a message can be under way
 MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 """Safety modes in which the arm may move."""
 _LOCKED_S: Final = 5.0  # dashboard manual: a protective stop cannot be unlocked for 5 s after it occurred
@@ -81,6 +82,7 @@ class RobotLink:
         self._primary = PrimaryClient(config.robot, config.robot_ports["primary"])
         self._kinematics: asyncio.Future[KinematicsInfo]
         self._exceptions: asyncio.Queue[ScriptFailedError] = asyncio.Queue()
+        self._cleared_until_us = -1  # robot time up to which errors are of no interest
         self._connections = AsyncExitStack()
         self._loop: asyncio.AbstractEventLoop
         self._undelivered: deque[Mapping[str, Any]] = deque()  # states to be passed to the event loop
@@ -222,10 +224,19 @@ class RobotLink:
         """Return the oldest script error that has not been fetched yet; None without one."""
         return None if self._exceptions.empty() else self._exceptions.get_nowait()
 
-    def clear_errors(self) -> None:
-        """Discard the errors of earlier scripts."""
+    async def clear_errors(self) -> None:
+        """Discard the errors of scripts that the robot has received so far, also those that are still on their way.
+
+        Messages leave the robot with the next state of the primary interface, up to 0.1 s after their cause.
+        """
+        await self.next_state()
+        self._cleared_until_us = round(self.state["timestamp"] * 1e6)
         while not self._exceptions.empty():
             self._exceptions.get_nowait()
+
+    def _is_cleared(self, message: RuntimeExceptionMessage) -> bool:
+        """Whether an error is older than the last `clear_errors`; one that is much older has another clock."""
+        return 0 <= self._cleared_until_us - message.timestamp_us < _ON_ITS_WAY_US
 
     async def write_inputs(self, **values: Any) -> None:
         """Write RTDE inputs, through a separate connection that the first call opens.
@@ -370,7 +381,7 @@ class RobotLink:
         if isinstance(message, RobotStateData):
             if message.kinematics is not None and not self._kinematics.done():
                 self._kinematics.set_result(message.kinematics)
-        elif isinstance(message, RuntimeExceptionMessage):
+        elif isinstance(message, RuntimeExceptionMessage) and not self._is_cleared(message):
             self._exceptions.put_nowait(ScriptFailedError(message.line, message.column, message.text))
         elif isinstance(message, ErrorCodeMessage):
             self.reports.append(message)

@@ -49,7 +49,7 @@ def masterboard(version):
         "di" / I32, "do" / I32, "range0" / U8, "range1" / U8, "in0" / D, "in1" / D, "dom0" / I8, "dom1" / I8,
         "out0" / D, "out1" / D, "board_temp" / F, "v48" / F, "amps" / F, "io_amps" / F, "safety_mode" / U8,
         "reduced" / U8, "euromap" / I8, "checksum" / U32,
-        *since(version, "3.2", "selector" / U8, "three_position" / U8), *since(version, "3.5", "internal" / U8),
+        *since(version, "3.2", "selector" / U8, "three_position" / U8), *since(version, "3.10", "internal" / U8),
     )  # fmt: skip
 
 
@@ -67,7 +67,7 @@ def force_mode(_version):
 
 def additional(version):
     return c.Struct(
-        "pressed" / U8, "enabled" / U8, *since(version, "3.3", "io" / U8), *since(version, "3.5", "reserved" / U8)
+        "pressed" / U8, "enabled" / U8, *since(version, "3.3", "io" / U8), *since(version, "3.10", "reserved" / U8)
     )
 
 
@@ -112,7 +112,7 @@ def parts_of(version: str) -> set[int]:
     """The sub-packages of a first state of this version."""
     if version.startswith("5"):
         return set(PARTS)
-    late = since(version, "3.5", 10) + since(version, "3.6", 5) + since(version, "3.2", 8)
+    late = since(version, "3.5", 10) + since(version, "3.3", 5) + since(version, "3.2", 8)
     return {0, 1, 2, 3, 4, 6, 7, 9, *late}
 
 

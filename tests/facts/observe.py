@@ -18,6 +18,7 @@ from urproto.facts import Situation
 from urproto.modes import SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.primary.state import encode_robot_state
+from urproto.robotapi import api_version
 from urproto.robots import load_model
 
 OBSERVATIONS: dict[str, Callable[[Situation], str]] = {}
@@ -125,6 +126,17 @@ def _parts(situation: Situation) -> str:
 def _rtde(situation: Situation) -> str:
     config = EmulatorConfig(controller=_config(situation), ephemeral_ports=True)
     return "yes" if "rtde" in config.wanted_ports else "no"
+
+
+@observation("interpreter port")
+def _interpreter(situation: Situation) -> str:
+    config = EmulatorConfig(controller=_config(situation), ephemeral_ports=True)
+    return "yes" if "interpreter" in config.wanted_ports else "no"
+
+
+@observation("version of the Robot API")
+def _robot_api(situation: Situation) -> str:
+    return api_version(situation.version)
 
 
 @observation("RTDE until confirmed")

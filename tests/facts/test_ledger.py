@@ -59,7 +59,9 @@ def test_every_row_can_be_read_and_is_documented() -> None:
 
 def test_no_row_is_hidden_by_an_earlier_one() -> None:
     """Each row decides for some robot."""
-    versions = {V(text) for text in ("3.0", "3.4", "3.5", "3.12", "5.0", "5.2", "5.6", "5.25", "10.12")}
+    versions = {
+        V(text) for text in ("3.0", "3.4", "3.5", "3.12", "5.0", "5.2", "5.6", "5.25", "10.11", "10.12", "10.13")
+    }
     versions |= set(facts.known_releases())
     robots = [
         Situation(version, name, personality)

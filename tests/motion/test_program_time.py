@@ -14,8 +14,8 @@ from urproto.robots import load_model
 
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)
 ROUNDING = 1e-9
-# a control period at the highest speed of these programs, 0.5 rad/s: commands that are not given for a time, and the stop
-# after them, each take effect in the control period that is nearest, while the time of a program has not its full pace
+# a control period at the highest speed of these programs, 0.5 rad/s: commands that are not given for a time, and a stop
+# after them, take effect in the control period that is nearest, while the time of a program has not its full pace
 A_PERIOD = 0.001
 
 PUSH = "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,-20,0,0,0], 2, [0.1,0.1,0.1,0.3,0.3,0.3])"

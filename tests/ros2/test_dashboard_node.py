@@ -97,7 +97,8 @@ async def test_every_service(model: str, tmp_path: Path) -> None:
         assert (await send_request.well("get_safety_status"))["safety_status"]["status"] == SafetyStatus.NORMAL
 
         assert "Failed to execute: play" in await send_request.refusal("play")
-        assert "No program loaded" in await send_request.refusal("get_loaded_program")
+        unnamed = "No program loaded" if cb3 else "/programs/<unnamed>.urp"
+        assert unnamed in await send_request.refusal("get_loaded_program")
         await send_request.refusal("program_saved")
         assert "File not found: lost.script" in await send_request.refusal("load_program", filename="lost.script")
         assert (await send_request.words("load_program", filename="pick.script")).startswith("Loading program: ")

@@ -56,8 +56,7 @@ def test_every_kind_of_episode(model: str, version: str) -> None:
         life.run(10.0)
     decoded = checked(version, life.take())
     counts = Counter((kind, sub) for kind, sub, _ in decoded)
-    behind_the_version = {12} if version.startswith("5") else set()
-    messages = {0, 3, 5, 6, 7, 9, 10, 14} | behind_the_version
+    messages = {0, 3, 5, 6, 7, 9, 10, 12, 14}  # 12 follows the version
     assert counts.keys() == {(16, None), *((20, sub) for sub in messages), (25, 0), (25, 1), (25, 2)}
     requested = {message.body.requested_type for kind, sub, message in decoded if (kind, sub) == (20, 9)}
     assert requested == {0, 1, 2, 3, NO_REQUEST}
@@ -68,4 +67,4 @@ def test_every_kind_of_episode(model: str, version: str) -> None:
 def test_a_secondary_client_receives_only_states_and_the_version() -> None:
     life = Life("ur5", "3.15.8", "secondary")
     life.run(60.0)
-    assert {(kind, sub) for kind, sub, _ in checked("3.15.8", life.take())} == {(20, 3), (16, None)}
+    assert {(kind, sub) for kind, sub, _ in checked("3.15.8", life.take())} == {(20, 3), (20, 12), (16, None)}
