@@ -29,7 +29,7 @@ from urproto.versions import PolyscopeVersion
 _REQUIRED_OUTPUTS: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _MAX_KEPT: Final = 100  # error reports and popups, each
 _RECONNECT_S: Final = 1.0  # between attempts to reconnect
-_ON_ITS_WAY_US: Final = 10_000_000  # longer than a message can be under way
+_ON_ITS_WAY_US: Final = 10_000_000  # longer than a message can be under way (guess)
 MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 """Safety modes in which the arm may move."""
 _LOCKED_S: Final = 5.0  # dashboard manual: a protective stop cannot be unlocked for 5 s after it occurred

@@ -278,8 +278,7 @@ class Connection(asyncio.BufferedProtocol):
             self.close()
         except MemoryError:
             _logger.warning("%s: %s is disconnected: no memory for the data it sent", self.server.name, self.peer)
-            if self._transport is not None:
-                self._transport.abort()
+            self.abort()
 
     def _judge(self, opening: Opening, data: bytes) -> bytes:
         """The bytes to read of a new connection; that of a web browser is aborted."""
@@ -287,8 +286,7 @@ class Connection(asyncio.BufferedProtocol):
         if isinstance(opening.verdict, Visitor):
             reason, text = _WRONG_PORT[opening.verdict]
             self.server.turned_away.count(reason, self.peer, text)
-            if self._transport is not None:
-                self._transport.abort()
+            self.abort()
         elif not opening.verdict:
             self._opening = None
         return passed

@@ -166,7 +166,7 @@ class PrimaryServer(PortServer):
     """The primary or the secondary interface.
 
     ``encode_state(snapshot, full)`` returns the robot state message, full or repeated. ``messages``: whether clients
-    get messages. ``reporter`` makes what provides the packages about the running program; None sends none.
+    get messages. ``reporter`` creates a reporter of the running program; without it, no packages about it are sent.
     """
 
     def __init__(
