@@ -107,7 +107,7 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
 }  # name: where it is below client.commands, and the beginning of its own help: listing it does not load it
 
-app = application(__doc__, no_args_is_help=True)
+app = application(__doc__.replace("``", ""), no_args_is_help=True)
 for _name, (_place, _help) in _COMMANDS.items():
     app.command(_name, cls=Deferred, help=_help)(load_from(f"client.commands.{_place}"))
 

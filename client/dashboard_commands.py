@@ -6,6 +6,7 @@ refusal. ``urproto.dashboard.COMMANDS`` lists the commands, their versions and t
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any, Final, Generic, TypeVar
 
 from urproto import dashboard as wire
@@ -231,10 +232,15 @@ def checked_command(line: str) -> Operation[str]:
         if known is not None:
             known.answer(reply)
         elif reply.lower().startswith(_REFUSALS):
-            raise RobotRefused(line, reply, _UNKNOWN if wire.is_not_understood(reply) else "")
+            raise RobotRefused(line, reply, _advice_if_unknown(line) if wire.is_not_understood(reply) else "")
         return reply
 
     return Operation(line, read, timeout_s=known.timeout_s if known is not None else None)
+
+
+def _advice_if_unknown(line: str) -> str:
+    close = get_close_matches(line.strip(), WORDS, 1)
+    return f"{_UNKNOWN}; did you mean {close[0]!r}?" if close else _UNKNOWN
 
 
 def _find_operation(line: str) -> Operation[Any] | None:

@@ -6,7 +6,7 @@ The program trees and their editing are in `urscript.polyscope`.
 import re
 import subprocess
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from client.errors import ClientError, FileError
 from urproto.compat import module_command
@@ -24,10 +24,19 @@ from urscript.polyscope.saved_script import read_saved_script
 from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end
 
-CHECKER_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
+_CHECKER_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
 _SYNTAX_ERROR: Final = "syntax error"
-CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
+_CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
 _CHECK_S: Final = 60.0  # guess: it usually takes one second
+
+
+class ScriptProblem(NamedTuple):
+    """A line of the checker's output. Lines and columns count from 1. A warning does not keep a script from running."""
+
+    line: int
+    column: int
+    warning: bool
+    message: str
 
 
 class CheckerError(ClientError):
@@ -142,24 +151,33 @@ def all_problems(editor: ProgramEditor) -> list[Problem]:
 
 
 def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]]:
-    """Line and message of each error; warnings are ignored, because they do not keep a program from running.
+    """Line and message of each error.
 
     A syntax error at the first word of a line is attributed to the line before, which the parser takes to continue.
     """
+    written, errors = text.split("\n"), []
+    for problem in script_problems(text, version):
+        if not problem.warning:
+            begins = not written[problem.line - 1][: problem.column - 1].strip()
+            errors.append((problem.line - (begins and problem.message.startswith(_SYNTAX_ERROR)), problem.message))
+    return errors
+
+
+def script_problems(text: str, version: PolyscopeVersion) -> list[ScriptProblem]:
+    """What ``urscript check`` finds in a script, for a controller of this version. Raises CheckerError."""
     try:
         ran = subprocess.run(checker_command(version), input=to_bytes(text), capture_output=True, timeout=_CHECK_S)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise CheckerError(f"urscript check: {error}") from None
-    if ran.returncode not in CHECKED:
-        raise CheckerError(f"urscript check: {readable(from_bytes(ran.stderr)).strip() or ran.returncode}")
-    found = (CHECKER_LINE.fullmatch(line) for line in lines(readable(from_bytes(ran.stdout))))
-    written, errors = text.split("\n"), []
-    for match in found:
-        if match is not None and not match[3]:
-            line, column = int(match[1]), int(match[2])
-            begins = not written[line - 1][: column - 1].strip()
-            errors.append((line - (begins and match[4].startswith(_SYNTAX_ERROR)), match[4]))
-    return errors
+    return read_problems(ran.returncode, ran.stdout, ran.stderr)
+
+
+def read_problems(status: int | None, output: bytes, errors: bytes) -> list[ScriptProblem]:
+    """The problems in what `checker_command` printed. Raises CheckerError if its exit status is another one."""
+    if status not in _CHECKED:
+        raise CheckerError(f"urscript check: {readable(from_bytes(errors)).strip() or status}")
+    found = (_CHECKER_LINE.fullmatch(line) for line in lines(readable(from_bytes(output))))
+    return sorted(ScriptProblem(int(m[1]), int(m[2]), bool(m[3]), m[4]) for m in found if m is not None)
 
 
 def _reason(error: Exception) -> str:

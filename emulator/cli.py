@@ -8,7 +8,7 @@ import asyncio
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import Parameter, signature
 from pathlib import Path
@@ -22,7 +22,8 @@ from emulator.robot.kinds import ArmKind
 from emulator.services.sockets import ScriptNetwork
 from urproto.commandline import Deferred, application, completing, load_from, version_of, with_options_of
 from urproto.facts import Personality
-from urproto.ports import PENDANT_PORT
+from urproto.ports import LAST_PORT, PENDANT_PORT
+from urproto.robots import MODELS
 
 if TYPE_CHECKING:
     from emulator.config import EmulatorConfig
@@ -38,19 +39,13 @@ def main() -> None:
     app()
 
 
-def _models() -> Iterable[str]:
-    from urproto.robots import MODELS  # imported here: only shell completion of a model's name needs it
-
-    return MODELS
-
-
 def configure(
     *,
     model: Annotated[
         str | None,
         typer.Option(
-            help="Arm model, for example ur3 or ur5e (default: ur3; ur3e if --polyscope names an e-Series version).",
-            autocompletion=completing(_models),
+            help=f"Arm model: {', '.join(MODELS)} (default: ur3; ur3e if --polyscope names an e-Series version).",
+            autocompletion=completing(lambda: MODELS),
         ),
     ] = None,
     polyscope: Annotated[str | None, typer.Option(help="PolyScope version to report, for example 3.15.8.")] = None,
@@ -235,7 +230,9 @@ def _run(
     ] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Exit once every port answers.")] = False,
     no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Do not start the teach pendant.")] = False,
-    pendant_port: Annotated[int, typer.Option(help="Port of the teach pendant, for browsers.")] = PENDANT_PORT,
+    pendant_port: Annotated[
+        int, typer.Option(min=1, max=LAST_PORT, help="Port of the teach pendant, for browsers.")
+    ] = PENDANT_PORT,
     version: Annotated[bool, version_of("ur-emulator")] = False,
 ) -> None:
     """Emulate a Universal Robots controller on this machine. Not for validating safety."""

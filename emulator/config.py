@@ -26,12 +26,13 @@ from urproto.dashboard import AVAILABLE as DASHBOARD_SERVER
 from urproto.facts import Personality
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
+from urproto.ports import LAST_PORT
 from urproto.robotapi import WEB_SERVER
 from urproto.robots import Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints
 from urproto.rtde.fields import AVAILABLE as RTDE
-from urproto.text import quoted
+from urproto.text import quoted, unknown
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.worldfile import WorldFileError
@@ -78,7 +79,6 @@ _FIRST_VERSION: Final = {  # the other ports are as old as the series
     "robot api": WEB_SERVER,
     "rtde": RTDE,
 }
-_LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
 
@@ -130,17 +130,17 @@ class EmulatorConfig:
             raise ConfigError(f"--realtime on requires a speed of 1, not {self.speed:g}: leave out one of them")
         if self.tool_device is not None and self._version.series is not Series.E:
             raise ConfigError(f"{self.controller.model.title} has no serial line at its tool: leave out --tool-device")
-        most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
+        most = LAST_PORT - max(PORTS[name] for name in self._port_names)
         if not 0 <= self.port_offset <= most:
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
         if self.control and not self.control_token and not is_loopback(self.host_of("control")):
             raise ConfigError(f"anybody could use the control API on {self.control_host}: set --control-token")
         if self.robot_api_port is not None and "robot api" not in self._port_names:
             raise ConfigError(f"PolyScope {self._version.short} has no Robot API: leave out --robot-api-port")
-        if self.robot_api_port is not None and not 0 <= self.robot_api_port <= _LAST_PORT:
-            raise ConfigError(f"the Robot API's port must be from 0 to {_LAST_PORT}, not {self.robot_api_port}")
-        if not 1 <= self.modbus_unit_port <= _LAST_PORT:
-            raise ConfigError(f"the port of Modbus units must be from 1 to {_LAST_PORT}, not {self.modbus_unit_port}")
+        if self.robot_api_port is not None and not 0 <= self.robot_api_port <= LAST_PORT:
+            raise ConfigError(f"the Robot API's port must be from 0 to {LAST_PORT}, not {self.robot_api_port}")
+        if not 1 <= self.modbus_unit_port <= LAST_PORT:
+            raise ConfigError(f"the port of Modbus units must be from 1 to {LAST_PORT}, not {self.modbus_unit_port}")
 
     @property
     def wanted_ports(self) -> dict[str, int]:
@@ -349,7 +349,7 @@ def choose_gripper(name: str | None, object_mm: float | None) -> GripperModel | 
         return None
     model = MODELS.get(name.lower())
     if model is None:
-        raise ConfigError(f"unknown gripper {name!r}: choose one of {', '.join(MODELS)}")
+        raise ConfigError(unknown("gripper", name, MODELS))
     if object_mm is not None and not 0.0 < object_mm < model.stroke_mm:
         raise ConfigError(
             f"the object must be wider than 0 and narrower than {model.stroke_mm:g} mm, not {object_mm:g}"

@@ -16,7 +16,7 @@ from emulator.control.remote import ControlClient
 from emulator.control.verbs import BadArguments, NotPossible
 from urproto.commandline import application, console
 from urproto.ports import CONTROL_API_PORT
-from urproto.text import json_document
+from urproto.text import json_document, unknown
 
 _FAILED: Final = 1
 _USAGE_ERROR: Final = 2
@@ -31,7 +31,9 @@ def _ctl(
     values: Annotated[
         list[str] | None, typer.Argument(help="Arguments in order, or name=value; several numbers as 1,2,3.")
     ] = None,
-    host: Annotated[str, typer.Option(help="Address of the control API.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option("--robot-ip", "--host", envvar="UR_ROBOT_IP", help="Address of the emulator.")
+    ] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port of the control API.")] = CONTROL_API_PORT,
     token: Annotated[str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Token of the control API.")] = "",
     file: Annotated[Path | None, typer.Option("--file", "-f", help="File that save writes, or restore reads.")] = None,
@@ -45,7 +47,7 @@ def _ctl(
             return
         name = verb.replace("-", "_")
         if name not in verbs:
-            raise BadArguments(f"unknown verb {verb!r}: ur-emulator ctl lists all verbs")
+            raise BadArguments(unknown("verb", verb, verbs))
         _show(client.call(name, _arguments(verbs[name], values or [], file)), file if name == "save" else None)
     except (BadArguments, OSError) as error:
         _fail(str(error), _USAGE_ERROR)

@@ -114,8 +114,11 @@ class ProgramControl(Protocol):
     def stop(self, reason: str = "") -> bool:
         """End the main program, paused or not, and those about to start; returns False if there is none."""
 
-    def pause(self, reason: str = "") -> bool:
-        """Bring the arm to rest on its path and hold the program; returns False if none runs."""
+    def pause(self, reason: str = "", *, for_safety: bool = False) -> bool:
+        """Bring the arm to rest on its path and hold the program; returns False if none runs.
+
+        for_safety: a program that a client sends replaces it; otherwise that only ends it.
+        """
 
     def resume(self) -> bool:
         """Continue after a pause; returns False if the program is not paused or the arm may not move."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from emulator.machine import Machine
-from urproto.text import READABLE, readable, strip, to_bytes
+from urproto.text import READABLE, readable, strip, to_bytes, unknown
 
 _FLIGHT_REPORTS: Final = ("controller", "software", "system")
 _FLIGHT_REPORT: Final = "flightreport_"  # followed by its id: beginning of a file name
@@ -29,7 +29,7 @@ def write_log(machine: Machine) -> Path:
 def write_flight_report(machine: Machine, kind: str) -> str:
     """Write a report and return its id. Raises ValueError for an unknown kind, OSError."""
     if kind.lower() not in _FLIGHT_REPORTS:
-        raise ValueError(f"unknown report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
+        raise ValueError(unknown("report", kind, _FLIGHT_REPORTS))
     report_id = f"{machine.serial_number}_{machine.step_count}_{kind.lower()}"
     (_directory(machine) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(machine), "utf-8", READABLE)
     return report_id

@@ -12,7 +12,8 @@ from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, Final, TextIO, TypeAlias
 
 import typer
-from typer.core import TyperCommand
+from click import Context, HelpFormatter
+from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from urproto.text import readable
@@ -26,10 +27,27 @@ _UNWRAPPED: Final = 10_000  # columns if the output is not a terminal, so that l
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON instead, for programs.")]
 
 
+class Commands(TyperGroup):
+    """A group of commands whose list shows the first sentence of each completely, on several lines if necessary."""
+
+    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
+        """Write the list of commands for ``--help``."""
+        found = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        rows = [(name, one.get_short_help_str(_UNWRAPPED)) for name, one in found if one is not None and not one.hidden]
+        if rows:
+            with formatter.section("Commands"):
+                formatter.write_dl(rows)
+
+
 def application(help: str | None = None, *, completion: bool = True, **options: Any) -> typer.Typer:  # noqa: A002
     """A Typer application whose help texts are plain ("[rad]" is a unit) and whose tracebacks are Python's."""
     return typer.Typer(
-        help=help, add_completion=completion, pretty_exceptions_enable=False, rich_markup_mode=None, **options
+        cls=Commands,
+        help=help,
+        add_completion=completion,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        **options,
     )
 
 

@@ -21,6 +21,9 @@ CONTROLLER_PORTS: Final[Mapping[str, int]] = {
     "tool line": 54321,  # as in the vendor's RS485 URCap
 }
 
+LAST_PORT: Final = 65535
+"""Highest number of a port."""
+
 CONTROL_API_PORT: Final = 30080
 """Only on an emulator."""
 

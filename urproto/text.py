@@ -18,6 +18,7 @@ protocols do.
 
 import codecs
 import re
+from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 from io import TextIOWrapper
@@ -36,6 +37,7 @@ _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,400}")  # more digits than any number 
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
 _QUOTED: Final = 60  # characters of a value that an error shows
+_FEW: Final = 20  # names that an error lists although it has found a close one
 
 
 def from_bytes(data: bytes | bytearray) -> str:
@@ -55,6 +57,18 @@ def quoted(value: object) -> str:
     """An invalid value for an error message: its beginning, on one line."""
     text = readable(repr(value[:_QUOTED] if isinstance(value, str | bytes | list | tuple) else value))
     return text if len(text) <= _QUOTED else f"{text[: _QUOTED - 3]}..."
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """Error message for a name that is not one of those known: the closest one, and all of them if they are few."""
+    from difflib import get_close_matches  # only a mistake needs it
+
+    names = list(known)
+    close = get_close_matches(name.lower(), names, 1)
+    if close and len(names) > _FEW:
+        return f"unknown {kind} {quoted(name)}: did you mean {close[0]}?"
+    hint = f"; did you mean {close[0]}?" if close else ""
+    return f"unknown {kind} {quoted(name)}: choose one of {', '.join(names)}{hint}"
 
 
 def readable(text: str) -> str:

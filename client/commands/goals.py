@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
-from math import radians
+from math import pi, radians
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -33,6 +33,7 @@ from urproto.commandline import application, with_options_of
 _ARRIVED_RAD: Final = 0.005  # guess: the lag of an arm that has all but arrived
 _STANDSTILL_S: Final = 2.0  # guess: longer than an arm takes to start moving
 _POLL_S: Final = 0.05
+_WIDEST_RAD: Final = 4 * pi  # guess: two turns, twice the range of most joints
 
 
 class ForwardKind(Enum):
@@ -65,7 +66,11 @@ def goal_command(
     controller: Annotated[str, typer.Option(help="Trajectory controller to use.")] = DEFAULT_CONTROLLER,
 ) -> None:
     """Move the arm to joint angles; Ctrl-C brings it to rest."""
-    q = tuple(radians(angle) for angle in _angles(positions)) if degrees else _angles(positions)
+    q = _angles(positions)
+    if degrees:
+        q = tuple(map(radians, q))
+    elif (widest := max(q, key=abs)) and abs(widest) > _WIDEST_RAD:
+        raise typer.BadParameter(f"--positions takes radians, but {widest:g} looks like degrees: add --degrees")
     _check_time(time)
     target = _target(**robot)
     point = JointTrajectoryPoint(q, (0.0,) * len(q), time_from_start_s=time)

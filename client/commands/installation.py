@@ -10,6 +10,7 @@ from client.commands.program import DRIVER_PORT, DriverHost, DriverPort, Model, 
 from client.errors import ClientError, FileError
 from client.programs import controller, open_installation, save_installation
 from urproto.commandline import AsJson, application, print_json
+from urproto.text import unknown
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.installation_check import problems_of
 from urscript.polyscope.installation_sections import UNITS, Field, SettingError
@@ -67,7 +68,7 @@ def show_command(
 ) -> None:
     """Print the settings of an installation, section by section; with --json, in SI units."""
     if section is not None and section not in SECTIONS:
-        raise ClientError(f"there is no section {section!r}: choose one of {', '.join(SECTIONS)}")
+        raise ClientError(unknown("section", section, SECTIONS))
     rows = read_settings(open_installation(path))
     chosen = {name: rows[name] for name in SECTIONS if section in (None, name)}
     if as_json:

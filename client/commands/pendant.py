@@ -10,7 +10,7 @@ import typer
 
 from client.commands.following import PortOffset, RobotIP
 from client.recording.extras import extra
-from urproto.ports import PENDANT_PORT
+from urproto.ports import LAST_PORT, PENDANT_PORT
 from urproto.robots import MODELS
 
 
@@ -20,7 +20,7 @@ def pendant_command(
     host: Annotated[
         str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines move the robot.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen on, for browsers.")] = PENDANT_PORT,
+    port: Annotated[int, typer.Option(min=1, max=LAST_PORT, help="Port to listen on, for browsers.")] = PENDANT_PORT,
     control_port: Annotated[
         int | None, typer.Option(help="Port of an emulator's control API, if not the usual one.")
     ] = None,

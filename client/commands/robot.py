@@ -19,7 +19,7 @@ from client.commands.following import Interrupts, PortOffset, RobotIP, Sink, fol
 from client.connection import DEFAULT_TIMEOUT_S
 from client.dashboard_commands import WORDS, checked_command
 from client.decoding import formatting
-from client.errors import FileError
+from client.errors import ClientError, FileError
 from client.rtde import unknown_fields
 from client.scripts import is_secondary
 from client.tool_communication import PORT, ToolCommunication
@@ -28,6 +28,16 @@ from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_name
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.text import from_bytes
+from urproto.versions import PolyscopeVersion
+
+_REFUSED = 1  # exit status
+_DRAWN_HZ = 10.0  # redraws of the table: faster ones cannot be read
+_STOP = "ur-client dashboard stop"
+_STATE = (
+    "timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction",
+    "actual_q", "actual_qd", "actual_TCP_pose",
+)  # fmt: skip
+_NAMES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
 
 
 def tool_comm_command(
@@ -71,32 +81,49 @@ def send_command(
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
     wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check/--no-check", help="Send nothing if urscript check refuses it.")
+    ] = True,
 ) -> None:
     """Send a script and wait until it runs. Exit status 1 if it is not URScript, or if an error or a stop ends it.
 
-    With --wait, the program writes one more line to the robot's log, which distinguishes its regular end from a stop.
-    Programs that use halt or return do not get that line.
+    The script is checked first, for the robot's version. --no-check leaves that to the robot, which may know functions
+    of its URCaps. With --wait, the program writes one more line to the robot's log, which distinguishes its regular
+    end from a stop. Programs that use halt or return do not get that line.
     """
     text = from_bytes(file.read_bytes())
     if "\0" in text:
         raise FileError(file, "is not text")
+    if wait and is_secondary(text):
+        raise typer.BadParameter("a controller does not report the end of a secondary program: leave out --wait")
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
+        if check:
+            _check(file, text, robot.run(robot.core.polyscope_version()))
         if is_secondary(text):
-            if wait:
-                raise typer.BadParameter(
-                    "a controller does not report the end of a secondary program: leave out --wait"
-                )
             robot.run(robot.core.send_secondary(text))
             typer.echo(f"sent {file}")
             return
         run = robot.run(robot.core.start(text, require_end=wait))
         typer.echo(f"{run.script.name} is running")
         if wait:
-            robot.run(robot.core.finish(run), float("inf"))
+            try:
+                robot.run(robot.core.finish(run), float("inf"))
+            except KeyboardInterrupt:
+                where = f"--robot-ip {robot_ip}" + (f" --port-offset {port_offset}" if port_offset else "")
+                typer.echo(f"\n{run.script.name} goes on without this command; to stop it: {_STOP} {where}", err=True)
+                raise
             typer.echo(f"{run.script.name} has ended")
 
 
-_REFUSED = 1
+def _check(file: Path, text: str, version: PolyscopeVersion) -> None:
+    """Print the warnings about a script. Raises ClientError with its first error."""
+    from client.programs import script_problems  # imports the program trees, which other commands do not need
+
+    for problem in script_problems(text, version):
+        place = f"{file}:{problem.line}:{problem.column}: {'warning: ' if problem.warning else ''}{problem.message}"
+        if not problem.warning:
+            raise ClientError(f"{place}: nothing was sent; --no-check sends it unchecked")
+        typer.echo(place, err=True)
 
 
 def dashboard_command(
@@ -122,9 +149,6 @@ def dashboard_command(
     print_json({"command": line, "answer": answer, "done": done})
     if not done:
         raise typer.Exit(_REFUSED)
-
-
-_DRAWN_HZ = 10.0  # redraws of the table: faster ones cannot be read
 
 
 def watch_command(
@@ -211,13 +235,6 @@ def _csv_sink(path: Path, names: list[str], opened: ExitStack) -> Sink:
     return writer.write
 
 
-_STATE = (
-    "timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction",
-    "actual_q", "actual_qd", "actual_TCP_pose",
-)  # fmt: skip
-_NAMES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
-
-
 def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
     """Print the robot's current state: modes, joints and TCP pose."""
     with rtde.BlockingRTDEClient(robot_ip, _STATE, port=rtde.PORT + port_offset) as robot:
@@ -227,9 +244,14 @@ def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port
         modes = {name: mode_name(_NAMES[name], state[name]) for name in _NAMES}
         print_json({"robot_ip": robot_ip, "polyscope": str(version), **state, **modes})
         return
+    rows = [(name, _readable(name, value), OUTPUT_FIELDS[name].unit) for name, value in state.items()]
+    if not sys.stdout.isatty():
+        for name, text, unit in rows:
+            typer.echo(f"{name}: {text} {unit}".rstrip())
+        return
     table = Table("variable", "value", "unit", title=f"{robot_ip}, PolyScope {version}")
-    for name, value in state.items():
-        table.add_row(name, _readable(name, value), OUTPUT_FIELDS[name].unit)
+    for row in rows:
+        table.add_row(*row)
     console().print(table)
 
 

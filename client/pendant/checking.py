@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Final
 
 from client.pendant.draft import Draft, ScriptError
-from client.programs import CHECKED, CHECKER_LINE, CheckerError, checker_command
+from client.programs import CheckerError, checker_command, read_problems
 from urproto.compat_asyncio import timeout
-from urproto.text import from_bytes, lines, readable, to_bytes
+from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion
 
 _DEBOUNCE_S: Final = 0.5  # guess: an author who pauses for so long wants the result
@@ -39,20 +39,11 @@ async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]
         if process.returncode is None:
             process.kill()
             await process.wait()
-    if process.returncode not in CHECKED:
-        raise CheckerError(f"urscript check: {readable(from_bytes(error_output)).strip() or process.returncode}")
-    return parse_output(readable(from_bytes(output)))
-
-
-def parse_output(output: str) -> tuple[ScriptError, ...]:
-    """Parse the checker's output; returns the problems in the order of the script."""
-    matches = (CHECKER_LINE.fullmatch(line) for line in lines(output))
-    problems = (
-        ScriptError(int(match[1]), int(match[2]), match[4], "check", "warning" if match[3] else "error")
-        for match in matches
-        if match is not None
+    problems = read_problems(process.returncode, output, error_output)
+    return tuple(
+        ScriptError(problem.line, problem.column, problem.message, "check", "warning" if problem.warning else "error")
+        for problem in problems
     )
-    return tuple(sorted(problems, key=lambda problem: (problem.line, problem.column)))
 
 
 async def check_forever(

@@ -14,6 +14,7 @@ from urproto.joints import JOINT_LABELS
 from urproto.robots import Joints, RobotModel
 from urproto.robots.kinematics import unwind
 from urproto.robots.pose import pose_inv, pose_trans
+from urproto.text import unknown
 from urproto.vectors import ZERO6, Vector3
 
 NAMED_CONFIGURATIONS: Final[dict[str, Joints]] = {
@@ -106,9 +107,7 @@ def _configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionCh
         raise PlanningError("a CircGoal needs the planner CIRC: give other planners a PoseGoal")
     if isinstance(goal, NamedGoal):
         if goal.name not in NAMED_CONFIGURATIONS:
-            raise GoalUnreachableError(
-                f"unknown configuration {goal.name!r}: choose one of {', '.join(NAMED_CONFIGURATIONS)}"
-            )
+            raise GoalUnreachableError(unknown("configuration", goal.name, NAMED_CONFIGURATIONS))
         return [NAMED_CONFIGURATIONS[goal.name]]
     if isinstance(goal, JointGoal):
         check_length(goal.q_rad, "a JointGoal must be six joint angles")

@@ -40,6 +40,7 @@ from client.planning.scene import PlanningScene
 from client.planning.search import search_joint_space
 from client.planning.task_space import TaskSpaceSearch
 from urproto.robots import Joints, RobotModel
+from urproto.text import unknown
 
 PlannerName = Literal["RRTConnect", "RRTstar", "PRM", "PTP", "LIN", "CIRC"]
 PLANNERS: Final[tuple[str, ...]] = get_args(PlannerName)
@@ -267,7 +268,7 @@ class Planner:
             raise PlanningError("a sequence needs at least one motion")
         for item in items:
             if item.planner not in PLANNERS:
-                raise PlanningError(f"unknown planner {item.planner!r}: choose one of {', '.join(PLANNERS)}")
+                raise PlanningError(unknown("planner", item.planner, PLANNERS))
         if not 0 <= seed < _SEEDS:
             raise PlanningError(f"a seed must be from 0 to {_SEEDS - 1}, not {seed}")
         if not 0.0 < time_limit_s < float("inf"):

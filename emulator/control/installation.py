@@ -11,6 +11,7 @@ from emulator.controller import Controller
 from emulator.programs.compiling import in_periods
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.services.urcap import DriverAddress
+from urproto.text import unknown
 from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.installation_file import read_installation_document
@@ -45,7 +46,7 @@ class InstallationVerbs(Verbs):
         safety_tool_direction, safety_io, safety_home.
         """
         if section and section not in SECTIONS:
-            raise BadArguments(f"unknown section {section!r}: choose one of {', '.join(SECTIONS)}")
+            raise BadArguments(unknown("section", section, SECTIONS))
         return self._wait(self._shown(section))
 
     @verb

@@ -15,6 +15,7 @@ from emulator.safety.conditions import SafetyDevice
 from emulator.snapshot import plausible
 from urproto.modes import AnalogDomain
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
+from urproto.text import unknown
 from urproto.vectors import Vector6
 from urscript.polyscope.safety_configuration import SafetyInput
 from urscript.values import INT_MAX, INT_MIN
@@ -198,7 +199,7 @@ class ModeVerbs(Verbs):
         if joint is not None and not 0 <= joint <= 5:
             raise BadArguments(f"there is no joint {joint}: choose 0 (base) to 5")
         if cause not in self.safety_causes():
-            raise BadArguments(f"unknown cause {cause!r}: choose one of {', '.join(self.safety_causes())}")
+            raise BadArguments(unknown("cause", cause, self.safety_causes()))
         self.controller.safety_board.trip(Cause[cause.upper()], joint)
 
     @verb

@@ -54,7 +54,10 @@ class ControlClient:
             content = json.loads(response.read())
         except (OSError, http.client.HTTPException, ValueError) as error:
             self._http.close()
-            raise NoControlError(f"no control API on {self._place}: {error or type(error).__name__}") from error
+            reason = getattr(error, "strerror", None) or error or type(error).__name__
+            raise NoControlError(
+                f"no control API on {self._place} ({reason}): start the emulator, or check address and port"
+            ) from error
         if response.status != http.client.OK:
             raise _error(response.status, content.get("error", ""))
         return content

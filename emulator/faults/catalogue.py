@@ -8,6 +8,7 @@ import msgspec
 
 from emulator.faults import arm, line, machine, network, program, rtde, scene
 from emulator.faults.fault import KINDS, Fault, FaultError
+from urproto.text import unknown
 
 SUBJECTS: Final = (network, line, rtde, arm, scene, program, machine)
 _F = TypeVar("_F", bound=Fault)
@@ -21,11 +22,11 @@ def make_fault(kind: str, arguments: Mapping[str, Any], *, typed: bool = True) -
     """
     form = KINDS.get(kind)
     if form is None:
-        raise FaultError(f"unknown fault {kind!r}: choose one of {', '.join(KINDS)}")
+        raise FaultError(unknown("fault", kind, KINDS))
     names = [field.name for field in fields(form)]
-    unknown = [name for name in arguments if name not in names]
-    if unknown:
-        raise FaultError(f"{kind} has no argument {', '.join(unknown)}: choose from {', '.join(names)}")
+    foreign = [name for name in arguments if name not in names]
+    if foreign:
+        raise FaultError(f"{kind} has no argument {', '.join(foreign)}: choose from {', '.join(names)}")
     try:
         return msgspec.convert(dict(arguments), form, strict=typed)
     except msgspec.ValidationError as error:

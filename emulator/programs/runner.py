@@ -11,8 +11,9 @@ continues too; any stop of the main program then also drops the one being compil
 
 Two rules for programs that a client sends surprise its users (issue 123 of the official client library, URSim 5.12,
 two people): a program sent while another one is paused only ends that one, and starts when it is sent again; one sent
-while the brakes are engaged is left paused before its first statement. That a safety stop counts like engaged brakes,
-and that CB3 controllers do the same, are guesses.
+while the brakes are engaged is left paused before its first statement. A program that a safety stop has paused is
+replaced instead: the library's own tests send one after "unlock protective stop", and it has to start within a second.
+That a safety stop counts like engaged brakes until then, and that CB3 controllers do the same, are guesses.
 """
 
 from collections.abc import Mapping
@@ -185,6 +186,7 @@ class Programs:
         self.outputs = RunstateOutputs(machine.signals, machine.registers.output, lambda: machine.power.report.powered)
         self.modbus = machine.modbus
         self.flags = [False] * _FLAGS
+        self._replaceable = False  # whether a safety stop has paused the program, and not a client
         self.pause_codes: set[tuple[int, int | None]] = set()  # pause_on_error_code: code and argument, None for any
         self.high_holding_torque = True
         self.jerk_gain_scaling = 1.0
@@ -309,10 +311,11 @@ class Programs:
         """A decided submission without a text, for requests that need no compiling."""
         return Submission("", self._machine.version, accepted=accepted)
 
-    def pause(self, reason: str = "") -> bool:
+    def pause(self, reason: str = "", *, for_safety: bool = False) -> bool:
         """Bring the arm to rest on its path and hold the program; returns False if none runs."""
         if not self._event(RunEvent.PAUSE):
             return False
+        self._replaceable = for_safety
         self._machine.motion.pause()
         self._note(reason)
         self._machine.messages.key(PROGRAM_PAUSED, self.name)
@@ -528,7 +531,7 @@ class Programs:
             self._refuse(program)
             submission.refusal = _NOT_READY
             return False
-        if self.paused and not submission.of_file:
+        if self.paused and not self._replaceable and not submission.of_file:
             self.stop(f"{program.name} was sent while it was paused")
             submission.refusal = "it ended a paused program: send it again to start it"
             self._note(f"{program.name} was not started: {submission.refusal}")

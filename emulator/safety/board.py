@@ -362,7 +362,7 @@ class SafetyBoard:
             machine.motion.engage_brakes()
             machine.power.handle(PowerEvent.POWER_OFF)
             return
-        programs.pause(mode.name)
+        programs.pause(mode.name, for_safety=True)
         if not machine.programs.paused:
             machine.motion.stop(min(machine.model.qdd_max))
         elif mode is SafetyMode.SAFEGUARD_STOP:

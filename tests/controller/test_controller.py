@@ -354,6 +354,20 @@ def test_a_program_sent_while_one_is_paused_only_ends_it(ready, secondary):
     ready.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
 
 
+def test_a_program_that_a_safety_stop_has_paused_is_replaced(ready):
+    """The official C++ library, PrimaryClientTest.test_send_script_blocking_fail_on_robot_errors: a pose out of reach,
+    "unlock protective stop", and a program that starts within a second."""
+    ready.script("def out_of_reach():\n  movel(p[10, 0, 0, 0, 0, 0])\nend\n")
+    ready.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 1.0)
+    ready.seconds(5.0)
+    assert ready.request("unlock protective stop") == "Protective stop releasing"
+    ready.until(lambda s: s.safety_mode is SafetyMode.NORMAL, 1.0)
+    assert ready.now.runtime_state is RuntimeState.PAUSED
+    ready.script(LONG_MOVE)
+    ready.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
+    assert ready.now.program_name == "far"
+
+
 def test_the_dashboard_names_the_loaded_program_only(make, tmp_path):
     """A test suite of a driver against URSim 5.25.2 reads RTDE's runtime_state for a program it has sent."""
     (tmp_path / "own.script").write_text("def own():\n  sleep(9)\nend\n")

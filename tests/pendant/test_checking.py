@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from client.pendant.checking import check, check_forever, parse_output
+from client.pendant.checking import check, check_forever
 from client.pendant.draft import Draft
+from client.programs import CheckerError, ScriptProblem, read_problems
 from urproto.compat_asyncio import timeout
 from urproto.versions import PolyscopeVersion
 from urscript import cli
@@ -29,10 +30,10 @@ async def test_check_returns_messages_of_checker(tmp_path: Path) -> None:
 
 def test_output_is_parsed_into_errors_and_warnings() -> None:
     output = "<stdin>:3:5: b\n  3 | a = b\n      ^\n<stdin>:1:2: warning: a\n<stdin>: no problems\n"
-    assert [(problem.line, problem.column, problem.severity, problem.text) for problem in parse_output(output)] == [
-        (1, 2, "warning", "a"),
-        (3, 5, "error", "b"),
-    ]
+    expected = [ScriptProblem(1, 2, warning=True, message="a"), ScriptProblem(3, 5, warning=False, message="b")]
+    assert read_problems(1, output.encode(), b"") == expected
+    with pytest.raises(CheckerError, match="urscript check: no memory"):
+        read_problems(2, output.encode(), b"no memory\n")
 
 
 async def test_draft_is_checked_after_each_change(monkeypatch: pytest.MonkeyPatch) -> None:

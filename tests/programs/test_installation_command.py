@@ -82,7 +82,7 @@ def test_errors_are_one_line_and_change_nothing(tmp_path, path):
         (("new", path), "exists: pass --force"),
         (("new", tmp_path / "x.urp"), "must end in .installation"),
         (("show", tmp_path / "none.installation"), "No such file"),
-        (("show", path, "--section", "colours"), "no section 'colours'"),
+        (("show", path, "--section", "colours"), "unknown section 'colours'"),
         (("set", path, "colours", "a=1"), "no section 'colours'"),
         (("set", path, "tcps", "pose", "--row", "TCP"), "is not FIELD=VALUE"),
         (("set", path, "tcps", "pose=[1]", "--row", "TCP"), "6 numbers"),

@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 from urproto.compat import Self, load_toml
 from urproto.facts import Situation, find
 from urproto.robots.drivetrain import Drivetrain
+from urproto.text import unknown
 from urproto.vectors import Vector3, Vector6
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -37,7 +38,7 @@ class UnknownModelError(ValueError):
     """There is no data file for an arm of this name."""
 
     def __init__(self, name: str) -> None:
-        super().__init__(f"unknown robot model {name!r}: choose one of {', '.join(MODELS)}")
+        super().__init__(unknown("robot model", name, MODELS))
         self.name = name
 
 
