@@ -62,7 +62,6 @@ def test_a_protective_stop_is_reported_and_locked_for_five_seconds(
         dashboard.unlockProtectiveStop()
         state.wait_until(lambda sample: sample["safety_mode"] == NORMAL)
     rig.eventually(lambda: not receive.isProtectiveStopped())
-    dashboard.stop()
     dashboard.disconnect()
     assert control.reuploadScript()
     rig.eventually(control.isProgramRunning)
