@@ -3,7 +3,9 @@
 Each check yields findings, which ``ur-client doctor`` prints.
 """
 
+import errno
 import math
+import os
 import platform
 import socket
 import sys
@@ -13,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -25,9 +27,12 @@ from client.driver.endpoint import REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
 from client.errors import FileError
 from urproto.compat import StrEnum
-from urproto.errors import URError
+from urproto.dashboard import GREETING, LineDecoder, encode_line, is_not_understood
+from urproto.errors import RobotRefused, URError
 from urproto.robots import Calibration, CalibrationError
 from urproto.rtde.fields import MAX_TIMESTAMP_S
+from urproto.rtde.types import IN_USE
+from urproto.text import quoted
 
 
 class Grade(StrEnum):
@@ -108,6 +113,10 @@ _PRIORITY = (
     "echo '@realtime - rtprio 99' | sudo tee /etc/security/limits.d/99-realtime.conf, then log in again"
 )
 
+_CONTAINER = (
+    "in a container: docker run --cap-add SYS_NICE --ulimit rtprio=99; on a host: sysctl kernel.sched_rt_runtime_us"
+)
+
 
 def examine_machine() -> Iterator[Finding]:
     """Check kernel, real-time priority and processor speed, as far as this machine reports them."""
@@ -118,7 +127,7 @@ def examine_machine() -> Iterator[Finding]:
     import resource
 
     yield preemption(platform.version(), Path("/"))
-    yield priority(resource.getrlimit(resource.RLIMIT_RTPRIO)[0])
+    yield priority(resource.getrlimit(resource.RLIMIT_RTPRIO)[0], _gets_priority())
     yield governor(Path("/"))
 
 
@@ -137,11 +146,26 @@ def preemption(version: str, root: Path) -> Finding:
     return Finding(Grade.WEAK, subject, text, mend)
 
 
-def priority(limit: int) -> Finding:
-    """Check the limit of the real-time priority; -1 means unlimited."""
+def _gets_priority() -> bool:
+    """Whether this thread gets real-time priority if it tries, for a moment."""
+    if sys.platform != "linux":
+        return False
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_MIN_PRIORITY))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, policy, parameters)
+    return True
+
+
+def priority(limit: int, granted: bool) -> Finding:
+    """Judge the real-time priority. limit: of this user, -1 for unlimited; granted: whether a thread got it."""
     subject = "real-time priority"
+    if granted:
+        return Finding(Grade.GOOD, subject, "granted")
     if limit == -1 or limit >= _MIN_PRIORITY:
-        return Finding(Grade.GOOD, subject, "allowed" if limit == -1 else f"allowed up to {limit}")
+        return Finding(Grade.WEAK, subject, "allowed to this user, but the system does not grant it", _CONTAINER)
     return Finding(Grade.WEAK, subject, "not allowed to this user: other programs may delay a control loop", _PRIORITY)
 
 
@@ -166,7 +190,13 @@ _ALTERNATIVES: Final = {"dashboard": ("Robot API", robotapi.PORT)}  # what PolyS
 _REQUIRED: Final = ("primary", "RTDE")
 _CONNECT_S: Final = 2.0
 _REPLIES: Final = 20
-_STREAM_S: Final = 2.0
+_STREAM_S: Final = 4.0  # guess: a robot that falls silent now and then does so within this time
+_SILENCE_S: Final = 0.5  # guess: longer than any network and any controller under load
+_DRIVER_INPUT: Final = "speed_slider_mask"  # every driver writes it
+_READ_BYTES: Final = 4096
+_MODE: Final = "robotmode"
+_MODE_ANSWER: Final = "Robotmode: "
+_QUERIES: Final = (_MODE, "programState", "running", "get loaded program")  # every version has them
 _SLOW_CONNECT_S: Final = 0.005  # guess: a cable through a switch takes less than 1 ms
 _LATE: Final = 1.0  # periods; a servo setpoint for this state comes one period late
 _WIFI: Final = "use a direct cable to this machine's network card, without other traffic"
@@ -220,27 +250,68 @@ def examine_own_ports() -> Iterator[Finding]:
 
 
 def examine_replies(host: str, port_offset: int = 0) -> Iterator[Finding]:
-    """Measure how long the dashboard takes to answer a query."""
-    subject = "round trip"
+    """Check that the dashboard understands what clients send, and measure how long it takes to answer."""
+    subject = "dashboard"
     try:
-        with dashboard.BlockingDashboardClient(host, dashboard.PORT + port_offset) as board:
+        with closing(socket.create_connection((host, dashboard.PORT + port_offset), DEFAULT_TIMEOUT_S)) as line:
+            board = _Lines(line)
+            greeting = board.next()
+            answers = {query: board.ask(query) for query in _QUERIES}
             times = [_measure_reply(board) for _ in range(_REPLIES)]
-    except URError as error:
-        yield Finding(Grade.UNKNOWN, subject, f"the dashboard does not answer: {error}")
+    except OSError as error:
+        yield Finding(Grade.UNKNOWN, "round trip", f"the dashboard does not answer: {error.strerror or error}")
         return
-    yield Finding(Grade.GOOD, subject, f"the dashboard answers within {_ms(median(times))}, at most {_ms(max(times))}")
+    if greeting != GREETING:
+        text = f"its greeting is {quoted(greeting)}, not {GREETING!r}: clients refuse it"
+        yield Finding(Grade.BROKEN, subject, text, "another service uses the port, or something between translates it")
+    if unknown := [query for query, answer in answers.items() if is_not_understood(answer)]:
+        text = f"it does not understand {', '.join(unknown)}"
+        yield Finding(Grade.BROKEN, subject, text, "clients need these commands: update the controller's software")
+    elif not answers[_MODE].startswith(_MODE_ANSWER):
+        text = f"it answers {quoted(answers[_MODE])} to {_MODE}: clients expect {_MODE_ANSWER!r}"
+        yield Finding(Grade.BROKEN, subject, text, "set the controller's language for remote clients to English")
+    if board.pieces > 1:
+        text = f"a line arrives in up to {board.pieces} pieces: a client that reads once sees a part of it"
+        yield Finding(Grade.WEAK, subject, text, _WIFI)
+    text = f"the dashboard answers within {_ms(median(times))}, at most {_ms(max(times))}"
+    yield Finding(Grade.GOOD, "round trip", text)
 
 
-def _measure_reply(board: dashboard.BlockingDashboardClient) -> float:
+class _Lines:
+    """Lines of a dashboard. ``pieces``: the most parts in which a line has arrived."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self._line = line
+        self._decoder = LineDecoder()
+        self.pieces = 0
+
+    def ask(self, query: str) -> str:
+        self._line.sendall(encode_line(query))
+        return self.next()
+
+    def next(self) -> str:
+        """The next line. Raises OSError."""
+        for piece in count(1):
+            if not (data := self._line.recv(_READ_BYTES)):
+                raise ConnectionResetError(errno.ECONNRESET, "it closed the connection")
+            if lines := self._decoder.feed(data):
+                self.pieces = max(self.pieces, piece)
+                return lines[0]
+        raise AssertionError  # the count has no end
+
+
+def _measure_reply(board: _Lines) -> float:
     began = time.perf_counter()
-    board.request(dashboard.ROBOT_MODE)
+    board.ask(_MODE)
     return time.perf_counter() - began
 
 
 def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) -> Iterator[Finding]:
     """Check how regularly RTDE states arrive at the robot's full rate."""
+    port = rtde.PORT + port_offset
     try:
-        with rtde.BlockingRTDEClient(host, ["timestamp"], port=rtde.PORT + port_offset) as robot:
+        yield from _examine_inputs(host, port)
+        with rtde.BlockingRTDEClient(host, ["timestamp"], port=port) as robot:
             yield Finding(Grade.GOOD, "PolyScope", str(robot.core.version))
             arrivals: list[float] = []
             stamps: list[float] = []
@@ -249,9 +320,20 @@ def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) 
                 stamps.append(float(robot.receive()["timestamp"]))
                 arrivals.append(time.perf_counter())
     except URError as error:
-        yield Finding(Grade.BROKEN, "RTDE stream", str(error), f"nc -vz {host} {rtde.PORT + port_offset}")
+        yield Finding(Grade.BROKEN, "RTDE stream", str(error), f"nc -vz {host} {port}")
         return
     yield from check_stream(arrivals, stamps)
+
+
+def _examine_inputs(host: str, port: int) -> Iterator[Finding]:
+    """Check that a driver could write its inputs. They are not written."""
+    try:
+        with rtde.BlockingRTDEClient(host, [], [[_DRIVER_INPUT]], port=port):
+            pass
+    except RobotRefused as refusal:
+        if IN_USE in refusal.answer:
+            text = f"another client holds the inputs of drivers ({_DRIVER_INPUT}): a second driver is refused"
+            yield Finding(Grade.WEAK, "RTDE inputs", text, "end the other driver, or use the robot from that one only")
 
 
 def check_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator[Finding]:
@@ -276,6 +358,10 @@ def check_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator
         yield Finding(Grade.WEAK, "RTDE stream", f"{rate}, {lost} missing", mend)
     else:
         yield Finding(Grade.GOOD, "RTDE stream", f"{rate}, none missing")
+    silence = max(b - a for a, b in pairwise(arrivals))
+    if silence > _SILENCE_S:
+        text = f"nothing arrived for {silence:.1f} s: drivers stop the arm, or lose their connection"
+        yield Finding(Grade.BROKEN, "RTDE stream", text, _WIFI)
     jitter = f"99 of 100 states are less than {_ms(often)} late, the worst {_ms(worst)} (period {_ms(period)})"
     weak = often > _LATE * period
     yield Finding(Grade.WEAK if weak else Grade.GOOD, "jitter", jitter, _WIFI if weak else "")

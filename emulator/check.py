@@ -21,7 +21,7 @@ import typer
 from emulator.control.remote import ControlClient
 from emulator.control.verbs import BadArguments, NotPossible
 from emulator.ports import PORTS
-from emulator.readiness import Finding, probe, run_script
+from emulator.readiness import Finding, probe, run_script, watch_rtde
 from urproto.commandline import AsJson, application, print_json, version_of
 from urproto.testing.launch import PACKAGES, ROOT, is_own_package
 
@@ -29,6 +29,7 @@ _FAILED: Final = 1
 _UNREACHABLE: Final = 3
 _PAUSE_S: Final = 0.25  # between two attempts while waiting
 _CONTROL_TIMEOUT_S: Final = 2.0  # guess: for the control API, which real robots lack
+_WATCH_S: Final = 4.0  # guess: a robot that falls silent now and then does so within this time
 _SCRIPT: Final = "script"
 # servers that every robot has; the others depend on series, version, model and options
 _ALWAYS: Final = ("dashboard", "primary", "secondary", "realtime", "rtde")
@@ -48,6 +49,7 @@ _MEANING: Final[Mapping[str, str]] = {
     "secondary": "clients receive no state from this port, and cannot send scripts to it",
     "realtime": "clients receive no state at 125 or 500 Hz, and cannot send scripts to this port",
     "rtde": "drivers cannot exchange data; ur_rtde and the ROS driver do not start",
+    "rtde stream": "drivers that need regular states stop the arm, or lose their connection",
     "modbus": "Modbus clients cannot read or write",
     "interpreter": "programs in interpreter_mode() receive no statements",
     "control": "the emulator's own API does not answer; its verbs cannot be used",
@@ -89,6 +91,10 @@ def _check(
     script: Annotated[
         bool, typer.Option("--run-script", help="Also run a script on the robot, which only writes to the log.")
     ] = False,
+    watch: Annotated[
+        float | None,
+        typer.Option(help="Also receive RTDE data for so many seconds (default: 4, or none with --quiet)."),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")] = False,
     as_json: AsJson = False,
     install: Annotated[
@@ -113,6 +119,9 @@ def _check(
         if not any(map(plan.is_wrong, findings)) or time.monotonic() >= deadline:
             break
         time.sleep(_PAUSE_S)
+    seconds = watch if watch is not None else 0.0 if quiet else _WATCH_S
+    if seconds > 0.0 and not any(map(plan.is_wrong, findings)):
+        findings.append(asyncio.run(watch_rtde(host, plan.ports["rtde"], seconds, timeout)))
     raise typer.Exit(_report(findings, plan, quiet=quiet, as_json=as_json))
 
 

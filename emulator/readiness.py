@@ -44,6 +44,8 @@ from urproto.rtde.codec import (
     Request,
     RequestProtocol,
     RTDEDecoder,
+    SetupInputs,
+    SetupInputsReply,
     SetupOutputs,
     SetupOutputsReply,
     Start,
@@ -52,12 +54,15 @@ from urproto.rtde.codec import (
     decode_reply,
 )
 from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.rtde.types import IN_USE
 
 _TIMEOUT_S: Final = 15.0  # guess; 0.2 s on an idle machine, some seconds if eight robots start together
 _READ_BYTES: Final = 4096
 _PROTOCOL: Final = 2
 _RTDE_VARIABLE: Final = OUTPUT_FIELDS["timestamp"]
 _RTDE_RATE_HZ: Final = 10.0
+_RTDE_INPUT: Final = "speed_slider_mask"  # every driver writes it
+_SILENCE_S: Final = 0.5  # guess: longer than any network and any controller under load
 _UNCONFIRMED: Final = rows("safety_setup.unconfirmed")[0].value.encode()
 _UNSPECIFIED: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listens on all: connect to loopback
 
@@ -143,6 +148,13 @@ class _RtdeExchange:
         self._stream.send(request.encode(protocol))
         return await self.next()
 
+    async def reply_to(self, request: Request) -> Reply:
+        """Like ``request``, on a connection that receives data."""
+        reply = await self.request(request)
+        while isinstance(reply, OutputData):
+            reply = await self.next()
+        return reply
+
     async def next(self) -> Reply:
         """The next package other than a text message, which is never an answer."""
         while not self._packages or self._packages[0].type == PackageType.TEXT_MESSAGE:
@@ -160,7 +172,28 @@ class _RtdeExchange:
 
 async def _rtde(stream: _Stream) -> str:
     """Negotiate the protocol, query the version, and receive data for a recipe."""
+    return await _receive(_RtdeExchange(stream))
+
+
+async def _rtde_stream(stream: _Stream, seconds: float) -> str:
+    """Receive data for a while, and see whether another client holds the inputs of drivers."""
     rtde = _RtdeExchange(stream)
+    text = await _receive(rtde)
+    loop = asyncio.get_running_loop()
+    longest_s, last_s, end_s = 0.0, loop.time(), loop.time() + seconds
+    while last_s < end_s and "sends data" in text.split(", "):
+        await rtde.next()
+        before_s, last_s = last_s, loop.time()
+        longest_s = max(longest_s, last_s - before_s)
+    if longest_s > _SILENCE_S:
+        raise NotReady(f"it fell silent for {longest_s:.1f} s while {seconds:g} s of data were received")
+    inputs = await rtde.reply_to(SetupInputs((_RTDE_INPUT,)))
+    held = isinstance(inputs, SetupInputsReply) and IN_USE in inputs.types
+    return "steady" + (f"; another client holds the inputs of drivers ({_RTDE_INPUT}): a second one is refused" * held)
+
+
+async def _receive(rtde: _RtdeExchange) -> str:
+    """Set up a connection until data arrive; returns version and state."""
     if await rtde.request(RequestProtocol(_PROTOCOL), protocol=1) != ProtocolReply(accepted=True):
         raise NotReady(f"protocol {_PROTOCOL} is refused")
     version = await rtde.request(GetVersion())
@@ -279,6 +312,11 @@ async def check_ready(
 async def probe(name: str, host: str, port: int, timeout_s: float = _TIMEOUT_S) -> Finding:
     """Do the handshake on the port of one server."""
     return await _probe(name, host, port, timeout_s, _HANDSHAKES[name.removesuffix(" read-only")])
+
+
+async def watch_rtde(host: str, port: int, seconds: float, timeout_s: float = _TIMEOUT_S) -> Finding:
+    """Receive RTDE data for some seconds: is the stream steady, and do other clients hold inputs of drivers?"""
+    return await _probe("rtde stream", host, port, seconds + timeout_s, lambda stream: _rtde_stream(stream, seconds))
 
 
 async def run_script(host: str, primary_port: int, timeout_s: float = _TIMEOUT_S) -> Finding:

@@ -2,11 +2,16 @@
 
 import math
 import socket
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from client import dashboard, rtde
 from client.cli import app
 from client.commands import doctor
 from client.doctor import (
@@ -15,13 +20,85 @@ from client.doctor import (
     check_stream,
     examine_machine,
     examine_own_ports,
+    examine_replies,
+    examine_stream,
     exit_status,
     governor,
     preemption,
     priority,
 )
+from emulator import check
+from urproto.dashboard import GREETING
+from urproto.testing.process import EmulatorProcess
 
 PERIOD_S = 0.002
+
+
+ANSWERS = {
+    "robotmode": "Robotmode: RUNNING",
+    "programState": "STOPPED",
+    "running": "Program running: false",
+    "get loaded program": "No program loaded",
+}
+
+
+@contextmanager
+def dashboard_of(answers: Mapping[str, str], pieces: int = 1) -> Iterator[tuple[str, int]]:
+    """A dashboard server that gives these answers, each in so many pieces; yields address and port offset."""
+
+    def serve() -> None:
+        line, _ = listening.accept()
+        with line, suppress(OSError):
+            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            send(line, answers.get("", GREETING))
+            for query in line.makefile():
+                send(line, answers.get(query.strip(), f"could not understand: {query.strip()!r}"))
+
+    def send(line: socket.socket, answer: str) -> None:
+        data = f"{answer}\n".encode()
+        size = -(-len(data) // pieces)
+        for start in range(0, len(data), size):
+            line.sendall(data[start : start + size])
+            time.sleep(0.02 if pieces > 1 else 0.0)
+
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        server = threading.Thread(target=serve)
+        server.start()
+        yield "127.0.0.1", listening.getsockname()[1] - dashboard.PORT
+        server.join()
+
+
+@pytest.mark.parametrize(
+    ("answers", "pieces", "grade", "text"),
+    [
+        (ANSWERS, 1, None, ""),
+        (ANSWERS, 3, Grade.WEAK, "pieces"),
+        (ANSWERS | {"": "Verbunden: Universal Robots Dashboard-Server"}, 1, Grade.BROKEN, "its greeting is 'Verbunden"),
+        (ANSWERS | {"robotmode": "Robotermodus: LAUFEND"}, 1, Grade.BROKEN, "clients expect 'Robotmode: '"),
+        ({"robotmode": ANSWERS["robotmode"]}, 1, Grade.BROKEN, "does not understand programState, running, get loaded"),
+    ],
+)
+def test_dashboards(answers: Mapping[str, str], pieces: int, grade: Grade | None, text: str) -> None:
+    with dashboard_of(answers, pieces) as (host, offset):
+        found = {finding.subject: finding for finding in examine_replies(host, offset)}
+    assert found["round trip"].grade is Grade.GOOD
+    if grade is None:
+        assert "dashboard" not in found
+    else:
+        assert found["dashboard"].grade is grade
+        assert text in found["dashboard"].text
+
+
+def test_silences_and_held_inputs() -> None:
+    """A second driver is refused, and a robot that falls silent every three seconds loses both."""
+    with EmulatorProcess(["--running"]) as robot, rtde.BlockingRTDEClient(robot.host, [], [["speed_slider_mask"]]):
+        robot.control.inject_fault("pause_rtde", every_s=3.0, duration_s=1.0)
+        found = list(examine_stream(robot.host))
+        checked = CliRunner().invoke(check.app, [robot.host, "--watch", "4"])
+    assert any(finding.grade is Grade.WEAK and "another client holds" in finding.text for finding in found)
+    assert any(finding.grade is Grade.BROKEN and "nothing arrived for 1." in finding.text for finding in found)
+    assert checked.exit_code == 1
+    assert "it fell silent for 1." in checked.output
 
 
 def grades(stamps: list[float], arrivals: list[float]) -> dict[str, Finding]:
@@ -79,10 +156,11 @@ def test_kernels(tmp_path: Path) -> None:
 
 
 def test_priorities() -> None:
-    assert priority(0).grade is Grade.WEAK
-    assert "limits.d" in priority(0).mend
-    assert priority(99).grade is Grade.GOOD
-    assert priority(-1).grade is Grade.GOOD
+    assert priority(0, granted=False).grade is Grade.WEAK
+    assert "limits.d" in priority(0, granted=False).mend
+    assert priority(99, granted=False).grade is Grade.WEAK  # a container without the capability
+    assert "SYS_NICE" in priority(-1, granted=False).mend
+    assert priority(0, granted=True).grade is Grade.GOOD  # root, or a capability
 
 
 def test_governors(tmp_path: Path) -> None:
