@@ -245,11 +245,11 @@ def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port
         print_json({"robot_ip": robot_ip, "polyscope": str(version), **state, **modes})
         return
     rows = [(name, _readable(name, value), OUTPUT_FIELDS[name].unit) for name, value in state.items()]
+    title = f"{robot_ip}, PolyScope {version}"
     if not sys.stdout.isatty():
-        for name, text, unit in rows:
-            typer.echo(f"{name}: {text} {unit}".rstrip())
+        typer.echo("\n".join([title, *(f"{name}: {text} {unit}".rstrip() for name, text, unit in rows)]))
         return
-    table = Table("variable", "value", "unit", title=f"{robot_ip}, PolyScope {version}")
+    table = Table("variable", "value", "unit", title=title)
     for row in rows:
         table.add_row(*row)
     console().print(table)

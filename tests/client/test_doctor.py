@@ -92,8 +92,9 @@ def test_dashboards(answers: Mapping[str, str], pieces: int, grade: Grade | None
 def test_silences_and_held_inputs() -> None:
     """A second driver is refused, and a robot that falls silent every three seconds loses both."""
     with EmulatorProcess(["--running"]) as robot, rtde.BlockingRTDEClient(robot.host, [], [["speed_slider_mask"]]):
-        robot.control.inject_fault("pause_rtde", every_s=3.0, duration_s=1.0)
+        robot.control.inject_fault("pause_rtde", after=1.5, lasting=1.0)
         found = list(examine_stream(robot.host))
+        robot.control.inject_fault("pause_rtde", after=1.5, lasting=1.0)
         checked = CliRunner().invoke(check.app, [robot.host, "--watch", "4"])
     assert any(finding.grade is Grade.WEAK and "another client holds" in finding.text for finding in found)
     assert any(finding.grade is Grade.BROKEN and "nothing arrived for 1." in finding.text for finding in found)

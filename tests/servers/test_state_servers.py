@@ -321,8 +321,8 @@ def test_a_new_safety_mode_comes_with_a_state_that_shows_it(controller: FakeCont
     controller.tick(messages=(stop,), safety_mode=SafetyMode.PROTECTIVE_STOP)
     while not (got := received(client)):
         controller.tick(safety_mode=SafetyMode.PROTECTIVE_STOP)
-    assert [type(message) for message in got] == [SafetyModeMessage, RobotStateData]
-    assert got[1].masterboard.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert [type(message) for message in got] == [RobotStateData, SafetyModeMessage]
+    assert got[0].masterboard.safety_mode == SafetyMode.PROTECTIVE_STOP
 
 
 def test_secondary_clients_get_no_messages(controller: FakeController) -> None:
