@@ -53,13 +53,14 @@ class Trajectories:
         await self._port.write(points)
 
     async def result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Wait for the result of the trajectory under way."""
+        """Wait for the result of the trajectory under way, and for a state taken after it."""
         if not self._executing:
             raise LocalProtocolError("no trajectory is under way: start one first")
         result = await self._port.result(timeout_s)
         if self._cancelling and result is not TrajectoryResult.CANCELED:
             await self._port.result(timeout_s)  # it ended just before, but the cancellation is answered too
         self._executing = self._cancelling = False
+        await self._robot.state_from_now()  # states may take longer than the result
         return result
 
     async def cancel(self) -> TrajectoryResult:

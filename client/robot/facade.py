@@ -129,26 +129,30 @@ class AsyncRobot:
 
     @property
     def state(self) -> RobotState:
-        """The newest state."""
+        """The newest state, whatever its age (``state.age_s``)."""
         return RobotState.of(self.driver.state)
 
     @property
+    def _fresh(self) -> RobotState:
+        return RobotState.of(self.driver.robot.feed.fresh())
+
+    @property
     def q(self) -> Joints:
-        """Joint angles (6,) [rad], base to wrist 3."""
-        return self.state.q_rad
+        """Joint angles (6,) [rad], base to wrist 3. Raises StaleStateError if they are older than ``max_age_s``."""
+        return self._fresh.q_rad
 
     @property
     def tcp_pose(self) -> Pose:
-        """TCP in the base frame (6,) [m, rotation vector]."""
-        return self.state.pose_base_tcp
+        """TCP in the base frame (6,) [m, rotation vector]. Raises StaleStateError if it is older than ``max_age_s``."""
+        return self._fresh.pose_base_tcp
 
     def digital_in(self, number: int) -> bool:
         """Level of a digital input: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
-        return self.state.digital_in(number)
+        return self._fresh.digital_in(number)
 
     def digital_out(self, number: int) -> bool:
         """Level of a digital output, numbered like the inputs."""
-        return self.state.digital_out(number)
+        return self._fresh.digital_out(number)
 
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
         """TCP pose in the base frame (6,) at these joint angles (6,) [rad], from the geometry that this arm reports.

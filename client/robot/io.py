@@ -67,7 +67,7 @@ class IO:
         await self._driver.robot.write_inputs(**values, **{f"standard_analog_output_{number}": share})
 
     def _value(self, name: str) -> Any:
-        values = self._driver.state
+        values = self._driver.robot.feed.fresh()
         if name not in values:
             raise LocalProtocolError(
                 f"{name} is not received: request it when connecting, Robot(host, outputs=({name!r},))"

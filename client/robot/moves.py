@@ -7,7 +7,7 @@ from functools import partial
 from typing import Final
 
 from client.driver.endpoint import MAX_REAL_TIME_S
-from client.errors import MotionError, MotionStoppedError
+from client.errors import MotionError, MotionStoppedError, NoAnswerError
 from client.robot.motion import MotionRunner
 from client.robot.reach import reach_of
 from client.robot.state import RobotState
@@ -65,7 +65,10 @@ class Moves:
         popups.clear()
         program = self._driver.program
         losses = program.losses
-        result = await self._driver.execute(moves)
+        try:
+            result = await self._driver.execute(moves)
+        except NoAnswerError:
+            raise self._diagnosis.unreachable(operation) from None
         if result is TrajectoryResult.FAILURE:
             raise MotionError(operation, "its points did not reach the robot in time: check the network")
         if result is TrajectoryResult.CANCELED and not popups:
@@ -99,7 +102,7 @@ class Moves:
     async def _send_for(self, operation: str, send: Callable[[RobotState], None], duration_s: float) -> None:
         end_s = self._motion.state.timestamp_s + duration_s
         try:
-            while (state := self._motion.state).timestamp_s < end_s:
+            while (state := await self._diagnosis.fresh_state(operation)).timestamp_s < end_s:
                 send(state)
                 await self._diagnosis.next_state(operation)
         finally:

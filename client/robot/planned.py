@@ -47,7 +47,7 @@ class PlannedMotion:
         A pose goal without a TCP refers to the robot's TCP. Other tasks run meanwhile. Raises PlanningError.
         """
         planner = _planner(scene, options)
-        return await asyncio.to_thread(planner.plan, self._q_rad, self._with_tcp(goal), **options)
+        return await asyncio.to_thread(planner.plan, await self._q_rad(), self._with_tcp(goal), **options)
 
     async def plan_sequence(
         self, items: "Sequence[MotionSequenceItem]", scene: "PlanningScene", /, **options: Any
@@ -55,7 +55,7 @@ class PlannedMotion:
         """Plan several motions from the current configuration; see `client.planning.Planner.plan_sequence`."""
         planner = _planner(scene, options)
         items = [replace(item, goal=self._with_tcp(item.goal)) for item in items]
-        return await asyncio.to_thread(planner.plan_sequence, self._q_rad, items, **options)
+        return await asyncio.to_thread(planner.plan_sequence, await self._q_rad(), items, **options)
 
     async def compute_cartesian_path(
         self, waypoints: Sequence[Sequence[float]], scene: "PlanningScene", /, *args: Any, **options: Any
@@ -66,11 +66,11 @@ class PlannedMotion:
         """
         planner = _planner(scene, options)
         options["tcp_offset"] = options.get("tcp_offset") or self.tcp_offset()
-        return await asyncio.to_thread(planner.compute_cartesian_path, self._q_rad, waypoints, *args, **options)
+        return await asyncio.to_thread(planner.compute_cartesian_path, await self._q_rad(), waypoints, *args, **options)
 
     async def execute(self, plan: "Plan", *, wait: bool = True) -> None:
         """Execute a plan. Raises PlanningError if the arm is not at the start of the plan."""
-        plan.check_start(self._driver.state["actual_q"])
+        plan.check_start(await self._q_rad())
         trajectory = plan.trajectory
         if len(trajectory.times_s) < 2:
             if plan.stopped_by:
@@ -122,7 +122,7 @@ class PlannedMotion:
                     continue
                 seen = scene.revision
                 checker = CollisionChecker(scene.copy())
-                blocked = await asyncio.to_thread(blocking_reason, checker, plan.trajectory, self._q_rad)
+                blocked = await asyncio.to_thread(blocking_reason, checker, plan.trajectory, await self._q_rad())
                 if blocked and not executing.done():
                     executing.cancel()
                     await asyncio.wait({executing})
@@ -133,9 +133,8 @@ class PlannedMotion:
             executing.cancel()
         return ""
 
-    @property
-    def _q_rad(self) -> Joints:
-        return RobotState(self._driver.state).q_rad
+    async def _q_rad(self) -> Joints:
+        return RobotState(await self._driver.robot.fresh_state()).q_rad
 
     def _with_tcp(self, goal: "Goal") -> "Goal":
         from client.planning import CircGoal, GoalSet, PoseGoal

@@ -40,7 +40,7 @@ class Follow:
         else:
             await self._motion.diagnosis.next_state(self._operation)
         self._seen = self._feed.count
-        return RobotState.of(self._feed.state)
+        return await self._motion.diagnosis.fresh_state(self._operation)
 
     def from_thread(self, call: Callable[[Coroutine[Any, Any, Any]], Any], setpoint: Sequence[float]) -> RobotState:
         """Send a setpoint from a thread, bypassing the event loop; ``call`` runs a coroutine in the loop and waits."""
@@ -51,7 +51,7 @@ class Follow:
         except ClientError:
             raise self._motion.diagnosis.unreachable(self._operation) from None
         self._seen = self._feed.count
-        return RobotState.of(self._feed.state)
+        return RobotState.of(self._feed.fresh())
 
     def _send_setpoint(self, setpoint: Sequence[float]) -> bool:
         """Send a setpoint; False if the stream has ended for a cause that the caller has to find out."""
