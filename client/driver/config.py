@@ -10,6 +10,7 @@ from client.driver.control_program import ToolCommunicationSettings
 from client.driver.endpoint import KEEP_ALIVE_TIMEOUT_S, MAX_REAL_TIME_S, REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
 from client.driver.scheduling import RealTime
+from client.quantities import check_fields
 from urproto import robots
 from urproto.modes import KinematicsStatus
 from urproto.primary.state import KinematicsInfo
@@ -106,3 +107,6 @@ class DriverConfig:
     servoj_gain: int = 2000
     tool_voltage: int | None = None
     tool_communication: ToolCommunicationSettings | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)

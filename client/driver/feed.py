@@ -11,6 +11,7 @@ taken after the request was sent.
 
 import asyncio
 import logging
+import math
 import threading
 import time
 from collections import deque
@@ -23,6 +24,7 @@ from client.driver.standstill import Standstill
 from client.errors import ClientError, NoAnswerError, StaleStateError
 from client.rtde import BlockingRTDEClient, ReceivedState
 from urproto.errors import RemoteProtocolError, URError
+from urproto.rtde.recipes import RecipeValues
 
 _RETRY_S: Final = 1.0  # between attempts to get a lost connection back
 _MARK_EVERY_S: Final = 0.05  # guess: a quarter of the default of max_age_s
@@ -57,6 +59,7 @@ class StateFeed:
         max_age_s: float,
         realtime: RealTime = "auto",
     ) -> None:
+        self.state = ReceivedState(RecipeValues((), {}), -math.inf)
         self.count = 0
         self.silent = False
         self.standstill = Standstill()

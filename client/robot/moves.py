@@ -1,18 +1,19 @@
 """Motions that end by themselves: trajectories, speeds for a duration, approach until contact."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from client.driver.endpoint import MAX_REAL_TIME_S
 from client.errors import MotionError, MotionStoppedError, NoAnswerError
+from client.quantities import QUANTITIES, points_of
 from client.robot.motion import MotionRunner
 from client.robot.reach import reach_of
 from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError
-from urproto.external_control import Query, TrajectoryPoint, TrajectoryResult, to_words
+from urproto.external_control import Query, TrajectoryPoint, TrajectoryResult
 
 _READ_STATES: Final = 20  # guess: messages sent while the arm returned from a contact are read within this
 
@@ -50,10 +51,9 @@ class Moves:
             self._motion.operation if running else "", running, max(0, round(point) - 1) if points else 0, points
         )
 
-    async def execute(self, operation: str, moves: list[TrajectoryPoint], wait: bool) -> None:
+    async def execute(self, operation: str, moves: Iterable[TrajectoryPoint], wait: bool) -> None:
         """Execute points as one trajectory. Raises OutOfReachError before anything moves."""
-        for move in moves:
-            move.encode()  # raises if its values cannot be sent
+        moves = points_of(moves)
         await self._motion.ready(operation)
         if reach := reach_of(self._driver.robot, self._motion.state.q_rad):
             reach.check(operation, moves)
@@ -95,7 +95,6 @@ class Moves:
         await self._motion.ready(operation, rolling=True)
         await self._motion.tune(operation, acceleration=acceleration)
         self._motion.check_not_busy(operation)
-        send(self._motion.state)  # raises here, in the caller, if the values cannot be sent
         self._points = ()
         await self._motion.launch(operation, partial(self._send_for, operation, send, duration_s), wait)
 
@@ -121,7 +120,7 @@ class Moves:
         """Move the TCP until the tool touches something, and return to where the contact began."""
         operation = "move_until_contact"
         self._driver.robot.require("contact")
-        work = partial(self._approach, operation, check_six("a velocity", velocity), direction_base, timeout_s)
+        work = partial(self._approach, operation, velocity, direction_base, timeout_s)
         await self._motion.ready(operation)
         await self._motion.tune(operation, acceleration=acceleration)
         self._points = ()
@@ -151,14 +150,6 @@ class Moves:
         await self._motion.come_to_rest()
 
 
-def check_six(name: str, values: Sequence[float]) -> tuple[float, ...]:
-    """Check that these are six numbers that can be sent. Raises LocalProtocolError."""
-    to_words(values)
-    if len(values) != 6:
-        raise LocalProtocolError(f"{name} has 6 numbers, not {len(values)}")
-    return tuple(values)
-
-
 def frame_rotation(frame: str | Sequence[float]) -> Sequence[float] | None:
     """The rotation vector of a frame in the base frame; None for the tool's."""
     if frame == "base":
@@ -167,4 +158,5 @@ def frame_rotation(frame: str | Sequence[float]) -> Sequence[float] | None:
         return None
     if isinstance(frame, str):
         raise LocalProtocolError(f'a frame is "base", "tool" or a pose, not {frame!r}')
-    return check_six("the pose of a frame", frame)[3:]
+    QUANTITIES["frame_base"].check(frame)
+    return frame[3:]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 from client.calibration import require_model
 from client.errors import PathBlockedError, PlanningError
+from client.quantities import checked
 from client.robot.moves import Moves
 from client.robot.state import RobotState
 from urproto.external_control import TrajectoryPoint
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _CHECK_PERIOD_S: Final = 0.05  # between checks whether the scene has changed; guess
 
 
+@checked
 class PlannedMotion:
     """Plans for the arm that the robot reports, from its current configuration, and executes the plans."""
 

@@ -6,11 +6,13 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequenc
 from contextlib import asynccontextmanager
 from typing import Any, Final
 
+from client.driver.endpoint import read_timeout_ms
 from client.driver.robot import MOVABLE
 from client.errors import ClientError, LateSetpointError, MotionError, MotionStoppedError
 from client.robot.motion import MotionRunner
 from client.robot.readiness import PROGRAM_GONE
 from client.robot.state import RobotState
+from urproto.external_control import ControlMode
 
 _logger = logging.getLogger(__name__)
 
@@ -74,14 +76,19 @@ class Follow:
 async def setpoint_stream(
     motion: MotionRunner,
     operation: str,
-    send: Callable[[Sequence[float]], None],
+    send: Callable[[Sequence[float], float], None],
+    timeout_s: float,
     tuning: Mapping[str, float | None] = _UNCHANGED,
 ) -> AsyncIterator[Follow]:
-    """Reserve the arm for setpoints sent through ``send``; logs statistics of the stream at its end."""
+    """Reserve the arm for setpoints sent through ``send`` with the timeout; logs statistics of the stream at its end.
+
+    Raises LocalProtocolError for a ``timeout_s`` that the robot does not honour.
+    """
+    read_timeout_ms(ControlMode.SERVOJ, timeout_s, motion.driver.reverse.period_s)
     async with motion.exclusive(operation):
         await motion.tune(operation, **tuning)
         motion.driver.robot.popups.clear()
-        yield Follow(motion, operation, send)
+        yield Follow(motion, operation, lambda setpoint: send(setpoint, timeout_s))
         if why := motion.driver.reverse.pop_late_reason():
             raise LateSetpointError(operation, why)
         stream = motion.driver.reverse.stream

@@ -188,7 +188,7 @@ def sent(monkeypatch):
 
 @pytest.mark.parametrize("fraction", [0.0, 0.009, 1.001, -1.0, float("nan")])
 async def test_the_speed_slider_has_two_ends(sent, fraction):
-    with pytest.raises(LocalProtocolError, match=r"takes 0\.01 to 1"):
+    with pytest.raises(LocalProtocolError, match=r"speed slider: from 0\.01 to 1"):
         await sent.driver.set_speed_slider(fraction)
 
 
