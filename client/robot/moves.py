@@ -1,13 +1,13 @@
 """Motions that end by themselves: trajectories, speeds for a duration, approach until contact."""
 
 import asyncio
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from client.driver.endpoint import MAX_REAL_TIME_S
-from client.errors import MotionError, MotionStoppedError, NoAnswerError
+from client.errors import LateSetpointError, MotionError, MotionStoppedError, NoAnswerError
 from client.quantities import QUANTITIES, points_of
 from client.robot.motion import MotionRunner
 from client.robot.reach import reach_of
@@ -16,6 +16,7 @@ from urproto.errors import LocalProtocolError
 from urproto.external_control import Query, TrajectoryPoint, TrajectoryResult
 
 _READ_STATES: Final = 20  # guess: messages sent while the arm returned from a contact are read within this
+_LONG_WAIT_S: Final = 0.1  # guess: half of the time that a robot waits for a setpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,15 +100,38 @@ class Moves:
         await self._motion.launch(operation, partial(self._send_for, operation, send, duration_s), wait)
 
     async def _send_for(self, operation: str, send: Callable[[RobotState], None], duration_s: float) -> None:
-        end_s = self._motion.state.timestamp_s + duration_s
+        end_s = (await self._diagnosis.fresh_state(operation)).timestamp_s + duration_s
         try:
-            while (state := await self._diagnosis.fresh_state(operation)).timestamp_s < end_s:
-                send(state)
-                await self._diagnosis.next_state(operation)
+            await self._repeat(operation, send, lambda state: state.timestamp_s >= end_s)
         finally:
             if self._driver.program_running and not self._motion.rolling:
                 self._driver.idle()
         await self._motion.come_to_rest()
+
+    async def _repeat(
+        self, operation: str, send: Callable[[RobotState], None], done: Callable[[RobotState], bool]
+    ) -> None:
+        """Call ``send`` with every state until ``done``.
+
+        Raises LateSetpointError if this machine was late, and MotionError if the robot's states were.
+        """
+        waited_s = 0.0
+        while not done(state := await self._diagnosis.fresh_state(operation)):
+            try:
+                send(state)
+            except LateSetpointError as late:
+                stood_still = self._driver.robot.feed.standstill.describe()
+                if stood_still or waited_s < _LONG_WAIT_S:
+                    why = f"{late.late} ({stood_still})" if stood_still else late.late
+                    raise LateSetpointError(operation, why) from None
+                raise MotionError(
+                    operation,
+                    f"the robot's next state came after {waited_s:.2f} s, too late for the next setpoint, so the robot "
+                    "stopped the arm: check the network and the robot",
+                ) from None
+            began_s = time.monotonic()
+            await self._diagnosis.next_state(operation)
+            waited_s = time.monotonic() - began_s
 
     async def until_contact(
         self,
@@ -129,15 +153,17 @@ class Moves:
     async def _approach(
         self, operation: str, velocity: Sequence[float], direction_base: Sequence[float], timeout_s: float
     ) -> None:
+        end_s = (await self._diagnosis.fresh_state(operation)).timestamp_s + timeout_s
         self._driver.start_tool_contact(direction_base)
         result = asyncio.create_task(self._driver.tool_contact_result())
-        end_s = self._motion.state.timestamp_s + timeout_s
+
+        def send(state: RobotState) -> None:
+            if state.timestamp_s >= end_s:
+                raise MotionError(operation, f"the tool touched nothing within {timeout_s:g} s")
+            self._driver.speedl(velocity)
+
         try:
-            while not result.done():
-                if self._motion.state.timestamp_s >= end_s:
-                    raise MotionError(operation, f"the tool touched nothing within {timeout_s:g} s")
-                self._driver.speedl(velocity, MAX_REAL_TIME_S)
-                await self._diagnosis.next_state(operation)
+            await self._repeat(operation, send, lambda _: result.done())
             result.result()
         finally:
             result.cancel()

@@ -6,7 +6,7 @@ from contextlib import suppress
 import pytest
 from driver_rig import HOME, PATIENCE_S, Lab, moved
 
-from client import StaleStateError, dashboard, points
+from client import LateSetpointError, MotionError, StaleStateError, dashboard, points
 from client.driver.standstill import Standstill
 from client.rtde import RTDECore
 from emulator.app import Emulator
@@ -142,3 +142,15 @@ def test_a_standstill_is_reported_for_a_while(monkeypatch):
     for _ in range(99):
         assert "stood still for 2.5 s" in after(0.1)
     assert not after(0.15)
+
+
+async def test_states_that_come_late_are_not_blamed_on_this_machine(robot):
+    lab = Lab(robot, max_age_s=60.0, silence_s=60.0)
+    async with lab.arm as arm:
+        await arm.make_ready()
+        await arm.speed_j([0.1, 0, 0, 0, 0, 0], 60.0, wait=False)
+        await lab.until(lambda: lab.distance() > 0.01)
+        robot.faults.inject(Delay(port="rtde", delay_s=1.5))  # at first no state arrives for that long
+        with pytest.raises(MotionError, match="the robot's next state came after") as stopped:
+            await arm.wait_done()
+        assert not isinstance(stopped.value, LateSetpointError)
