@@ -324,9 +324,10 @@ class RTDECore:
         if self._paused:
             raise LocalProtocolError("the data exchange is paused: resume it to receive states")
 
-    def _read(self, data: bytes) -> State:
-        self.state = self._outputs.values(data, 0 if self._protocol == 1 else 1)  # after the recipe id
-        return self.state
+    def _read(self, data: bytes) -> RecipeValues:
+        values = self._outputs.values(data, 0 if self._protocol == 1 else 1)  # after the recipe id
+        self.state = values
+        return values
 
     def first_mark(self, now_s: float) -> Flow[None]:
         """Send the first `mark`, and wait for the answer. Without one, states count as taken when they arrive."""
@@ -355,7 +356,7 @@ class RTDECore:
 
     def _take_arrived(self, now_s: float) -> Iterator[ReceivedState]:
         while self._arrived:
-            values = self._outputs.values(self._arrived.popleft(), 0 if self._protocol == 1 else 1)
+            values = self._read(self._arrived.popleft())
             taken_after_s, before = now_s if self._marked_s is None else self._marked_s, self._newest
             if before is not None and values.get("timestamp", math.nan) == before.get("timestamp"):
                 taken_after_s = before.taken_after_s  # the same state again

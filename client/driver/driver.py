@@ -10,7 +10,7 @@ with BlockingURDriver("192.168.56.101") as driver:
         driver.servoj(target())
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any
@@ -24,6 +24,7 @@ from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import RobotLink
 from client.driver.trajectories import Trajectories
 from client.quantities import checked
+from client.rtde import ReceivedState
 from urproto.compat import Self
 from urproto.errors import RobotRefused
 from urproto.external_control import (
@@ -123,11 +124,11 @@ class URDriver:
         return self.robot.version
 
     @property
-    def state(self) -> Mapping[str, Any]:
-        """The newest RTDE state, by variable name."""
+    def state(self) -> ReceivedState:
+        """The newest RTDE state, by variable name, whatever its age (``state.age_s``)."""
         return self.robot.state
 
-    async def next_state(self) -> Mapping[str, Any]:
+    async def next_state(self) -> ReceivedState:
         """The RTDE state after the newest one."""
         return await self.robot.next_state()
 
@@ -509,7 +510,7 @@ class BlockingURDriver(Blocking[URDriver]):
     set_friction_compensation = blocking(URDriver.set_friction_compensation)
     set_friction_scales = blocking(URDriver.set_friction_scales)
 
-    def next_state(self) -> Mapping[str, Any]:
+    def next_state(self) -> ReceivedState:
         """The RTDE state after the newest one."""
         feed = self.inner.robot.feed
         return feed.wait(feed.count, self.inner.config.silence_s)
@@ -530,6 +531,6 @@ class BlockingURDriver(Blocking[URDriver]):
         return self.inner.protective_stopped
 
     @property
-    def state(self) -> Any:
-        """The newest RTDE state, by variable name."""
+    def state(self) -> ReceivedState:
+        """The newest RTDE state, by variable name, whatever its age (``state.age_s``)."""
         return self.inner.state
