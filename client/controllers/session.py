@@ -381,7 +381,6 @@ class Session:
         state, link = robot.driver.state, robot.driver.robot
         return {
             "time_s": self._manager.time_s,
-            "age_s": state.age_s,
             "positions": dict(zip(robot.joints, state["actual_q"], strict=True)),
             "at_rest": robot.at_rest,
             "robot_mode": link.robot_mode.name,
