@@ -45,16 +45,19 @@ class Quantity:
     whole: bool = False
     endless: bool = False
     rest: tuple[float, float] | None = None
-    _ranges: tuple[tuple[float, float], ...] = field(init=False, repr=False)
+    _lows: tuple[float, ...] = field(init=False, repr=False)
+    _highs: tuple[float, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         first, rest = (self.low, self.high), self.rest or (self.low, self.high)
-        object.__setattr__(self, "_ranges", tuple(first if index < 3 else rest for index in range(self.size)))
+        ranges = [first if index < 3 else rest for index in range(self.size)]
+        object.__setattr__(self, "_lows", tuple(low for low, _ in ranges))
+        object.__setattr__(self, "_highs", tuple(high for _, high in ranges))
 
     def check(self, value: Any) -> None:
         """Raise LocalProtocolError unless the value is of this quantity."""
         try:
-            if self._fits(value) if self.size == 0 else self._all_fit(value):
+            if self._all_fit(value) if self.size else self._fits(value):
                 return
         except (TypeError, ValueError):  # not numbers; "abc" <= 1.0 is a TypeError
             pass
@@ -66,12 +69,12 @@ class Quantity:
         return self.endless and bool(value == math.inf)
 
     def _all_fit(self, values: Any) -> bool:
-        if len(values) != self.size or isinstance(values, str | bytes):
+        if len(values) != self.size or type(values) is bytes:
             return False
-        for number, (low, high) in zip(values, self._ranges, strict=True):
-            if not low <= number <= high or (self.whole and number != int(number)):
+        for number, low, high in zip(values, self._lows, self._highs, strict=False):  # called for every setpoint
+            if not low <= number <= high:
                 return False
-        return True
+        return not self.whole or all(number == int(number) for number in values)
 
     def describe(self) -> str:
         """What values it has, as the beginning of a sentence."""
