@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         RobotUnreachableError,
         SafetyStopError,
         ScriptFailedError,
+        StaleStateError,
     )
     from client.modbus import BlockingModbusClient, ModbusClient
     from client.primary import BlockingPrimaryClient, PrimaryClient
@@ -75,6 +76,7 @@ __all__ = [
     "SafetyStopError",
     "ScriptFailedError",
     "ScriptResult",
+    "StaleStateError",
     "ToolCommunication",
     "URDriver",
     "URError",
@@ -104,6 +106,7 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
         "RobotUnreachableError",
         "SafetyStopError",
         "ScriptFailedError",
+        "StaleStateError",
     ),
     "client.modbus": ("BlockingModbusClient", "ModbusClient"),
     "client.primary": ("BlockingPrimaryClient", "PrimaryClient"),

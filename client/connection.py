@@ -285,6 +285,12 @@ class BlockingConnection(Connection):
             with suppress(OSError):  # already closed
                 connected.shutdown(socket.SHUT_RDWR)
 
+    def send_now(self, data: bytes) -> None:
+        """Send a few bytes from any thread; a lost connection is reported by the next read."""
+        if data and (connected := self._socket) is not None:
+            with suppress(OSError):
+                connected.send(data)
+
     def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
         """Run a flow to its end, within ``timeout_s`` [s], by default the connection's timeout."""
         try:

@@ -23,6 +23,7 @@ ClientError
 │   ├── SceneError           a planning scene, or its file, is invalid
 │   └── PathBlockedError     an obstacle appeared on the path while the arm was following it
 ├── StateError               a state of the robot contains values that no arm has
+├── StaleStateError          the newest state of the robot is too old to act on
 ├── ControllerError          a controller, or a change of controllers, is not possible
 │   └── GoalRejectedError    a controller rejected a goal
 ├── ManagerError             a running controller manager is unreachable, or cannot carry out a request
@@ -51,13 +52,16 @@ class ClientError(URError):
 
 
 class RobotUnreachableError(ClientError):
-    """No connection to ``host``:``port`` could be established; ``reason`` says why."""
+    """There is no connection to ``host``:``port``; ``reason`` says why."""
 
-    def __init__(self, host: str, port: int, reason: str) -> None:
-        super().__init__(
-            f"no connection to {host}:{port} ({reason}): check the address, and that the controller is up and "
-            "offers this port"
-        )
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        reason: str,
+        advice: str = "check the address, and that the controller is up and offers this port",
+    ) -> None:
+        super().__init__(f"no connection to {host}:{port} ({reason}): {advice}")
         self.host = host
         self.port = port
         self.reason = reason
@@ -199,6 +203,22 @@ class StateError(ClientError):
         super().__init__(f"a state of the robot cannot be used: {field} {why}")
         self.field = field
         self.why = why
+
+
+class StaleStateError(ClientError):
+    """The newest state of the robot at ``host`` may be ``age_s`` [s] old, which is more than ``max_age_s`` allows."""
+
+    def __init__(self, host: str, age_s: float, max_age_s: float, why: str = "") -> None:
+        advice = why or (
+            f"find out what delays its states (ur-client doctor {host}), or permit older ones: "
+            "Robot(host, max_age_s=...)"
+        )
+        super().__init__(
+            f"the newest state of {host} may be {age_s:.2f} s old, and max_age_s is {max_age_s:g} s: {advice}"
+        )
+        self.host = host
+        self.age_s = age_s
+        self.max_age_s = max_age_s
 
 
 class ControllerError(ClientError):

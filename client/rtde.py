@@ -12,6 +12,7 @@ names the variables. Options are those of RTDECore.
 """
 
 import math
+import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -23,7 +24,7 @@ from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableEr
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
-from urproto.rtde.recipes import Recipe
+from urproto.rtde.recipes import Recipe, RecipeValues
 from urproto.rtde.types import IN_USE, NOT_FOUND
 from urproto.versions import PolyscopeVersion
 
@@ -123,6 +124,25 @@ class InputRecipes:
 ReplyKind = TypeVar("ReplyKind", bound=codec.Reply)
 State = Mapping[str, Any]
 
+
+class ReceivedState(RecipeValues):
+    """A state by variable name, with an upper limit of its age.
+
+    taken_after_s: the robot took the state after this time, by this machine's monotonic clock [s].
+    """
+
+    __slots__ = ("taken_after_s",)
+
+    def __init__(self, values: RecipeValues, taken_after_s: float) -> None:
+        super().__init__(values._flat, values._places)
+        self.taken_after_s = taken_after_s
+
+    @property
+    def age_s(self) -> float:
+        """The state is not older than this [s]."""
+        return time.monotonic() - self.taken_after_s
+
+
 _MAX_MESSAGES = 100  # text messages kept for the caller; older ones are dropped
 _NEGOTIATION_ATTEMPTS = 10  # after a loss; guess: a booting controller closes its first connections
 _RETRY_S = 0.5
@@ -184,6 +204,9 @@ class RTDECore:
         self._decoder = codec.RTDEDecoder()
         self._replies: deque[codec.Reply] = deque()
         self._arrived: deque[bytes] = deque()  # payloads of data packages
+        self._marks_s: deque[float] = deque()  # times of the marks that the robot has not answered yet
+        self._marked_s: float | None = None  # time of the last one that it has; None if it answers none
+        self._newest: ReceivedState | None = None
         self.running = False
 
     # operations of a client
@@ -301,16 +324,44 @@ class RTDECore:
         if self._paused:
             raise LocalProtocolError("the data exchange is paused: resume it to receive states")
 
-    def _read(self, data: bytes) -> State:
-        self.state = self._outputs.values(data, 0 if self._protocol == 1 else 1)  # after the recipe id
-        return self.state
+    def _read(self, data: bytes) -> RecipeValues:
+        values = self._outputs.values(data, 0 if self._protocol == 1 else 1)  # after the recipe id
+        self.state = values
+        return values
 
-    def take(self, data: bytes) -> list[State]:
-        """Return the states that these bytes complete, for a caller that reads the connection itself."""
-        self._feed(data)
-        states = [self._read(arrived) for arrived in self._arrived]
-        self._arrived.clear()
-        return states
+    def first_mark(self, now_s: float) -> Flow[None]:
+        """Send the first `mark`, and wait for the answer. Without one, states count as taken when they arrive."""
+        yield from self._request(codec.GetVersion(), codec.VersionReply)
+        self._marked_s = now_s
+
+    def mark(self, now_s: float) -> bytes:
+        """Return a request that separates states taken before it from those taken after, which follow its answer.
+
+        guess: a controller answers requests in order with the states, also while it sends them.
+        """
+        if self._marked_s is None:
+            return b""
+        self._marks_s.append(now_s)
+        return codec.GetVersion().encode(self._protocol)
+
+    def take(self, data: bytes, now_s: float) -> Iterator[ReceivedState]:
+        """Yield the states that these bytes complete, for a caller that reads the connection itself."""
+        yield from self._take_arrived(now_s)
+        for package in self._decoder.feed(data):
+            self._sort(package)
+            while self._replies:
+                self._replies.popleft()
+                self._marked_s = self._marks_s.popleft() if self._marks_s else self._marked_s
+            yield from self._take_arrived(now_s)
+
+    def _take_arrived(self, now_s: float) -> Iterator[ReceivedState]:
+        while self._arrived:
+            values = self._read(self._arrived.popleft())
+            taken_after_s, before = now_s if self._marked_s is None else self._marked_s, self._newest
+            if before is not None and values.get("timestamp", math.nan) == before.get("timestamp"):
+                taken_after_s = before.taken_after_s  # the same state again
+            self.state = self._newest = ReceivedState(values, taken_after_s)
+            yield self._newest
 
     # writing
 
@@ -361,16 +412,19 @@ class RTDECore:
         return reply
 
     def _feed(self, data: bytes) -> None:
-        """Sort received packages into states, texts and replies."""
         for package in self._decoder.feed(data):
-            if package.type == codec.PackageType.DATA_PACKAGE:  # hundreds per second: decoded only when read
-                self._arrived.append(package.payload)
-                continue
-            reply = codec.decode_reply(package, self._protocol)
-            if isinstance(reply, codec.TextMessage):
-                self.messages.append(reply)
-            else:
-                self._replies.append(reply)
+            self._sort(package)
+
+    def _sort(self, package: codec.Package) -> None:
+        """Sort a received package into states, texts and replies."""
+        if package.type == codec.PackageType.DATA_PACKAGE:  # hundreds per second: decoded only when read
+            self._arrived.append(package.payload)
+            return
+        reply = codec.decode_reply(package, self._protocol)
+        if isinstance(reply, codec.TextMessage):
+            self.messages.append(reply)
+        else:
+            self._replies.append(reply)
 
 
 def _available(names: tuple[str, ...], types: tuple[str, ...]) -> tuple[str, ...]:
@@ -474,14 +528,14 @@ class BlockingRTDEClient(_Recipes, BlockingConnection):
         """The newest state that has arrived; older ones are skipped. Waits if none has arrived since the last call."""
         return self.run(self.core.latest())
 
-    def states(self, silence_s: float) -> Iterator[State]:
+    def states(self, silence_s: float) -> Iterator[ReceivedState]:
         """Yield every state from now on, with as little overhead as possible; meant for a dedicated thread.
 
         Raises NoAnswerError if nothing arrives for ``silence_s`` [s], and ConnectionLostError.
         """
-        yield from self.core.take(b"")
+        yield from self.core.take(b"", time.monotonic())
         for data in self.chunks(silence_s):
-            yield from self.core.take(data)
+            yield from self.core.take(data, time.monotonic())
 
     def send(self, **values: Any) -> None:
         """Write inputs; the names must be exactly the variables of one input recipe."""

@@ -113,7 +113,8 @@ def configure(
     realtime: Annotated[
         RealTime,
         typer.Option(
-            help="Real-time priority and locked memory (Linux). auto: if granted by the system; on: or exit; off."
+            help="Real-time priority and locked memory (Linux). auto: if granted by the system, given up while "
+            "clients without it overload the emulator; on: or exit, never given up; off."
         ),
     ] = RealTime.AUTO,
     encoder0_speed: Annotated[

@@ -26,6 +26,7 @@ _CALM: Final = 0.5  # of a core (guess)
 _CALM_FOR_S: Final = 10.0  # before the priority is claimed again (guess)
 _MAPPING: Final = re.compile(r"[0-9a-f]+-[0-9a-f]+ ")  # in /proc/self/smaps
 _UNWRITTEN_FILE: Final = re.compile(r"([0-9a-f]+)-([0-9a-f]+) r-[-x]p \S+ \S+ \d+ +/")  # read only, private
+_SOCKET: Final = re.compile(r"socket:\[(\d+)\]")
 _HOW: Final = (
     "permit it to the user (/etc/security/limits.d: '@realtime - rtprio 99' and '@realtime - memlock unlimited', in a "
     "container --cap-add SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1), or use --realtime auto"
@@ -35,7 +36,10 @@ _logger = logging.getLogger(__name__)
 
 
 class RealTime(StrEnum):
-    """What an emulator requests: auto: whatever is granted; on: everything, or it does not start; off: nothing."""
+    """What an emulator requests: auto: whatever is granted; on: everything, or it does not start; off: nothing.
+
+    With auto, it gives its priority up while clients without real-time priority overload it.
+    """
 
     AUTO = "auto"
     ON = "on"
@@ -77,13 +81,20 @@ def freeze_heap() -> None:
 
 
 def _take_priority() -> bool:
-    """Get real-time priority for this thread, but not for its children."""
+    """Get real-time priority for this thread, but not for its children; it keeps one with which it was started."""
     if sys.platform != "linux":
         return False
     with contextlib.suppress(OSError):  # needs CAP_SYS_NICE or a limit
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
+        policy, priority = os.SCHED_FIFO, os.sched_param(_PRIORITY)
+        if _is_real_time(0):
+            policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, priority)
         return True
     return False
+
+
+def _is_real_time(thread: int) -> bool:
+    return os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
 
 
 def _drop_priority() -> None:
@@ -174,26 +185,77 @@ class Overload:
         return self.over != before
 
 
-async def yield_under_overload() -> None:
-    """Until cancelled: give up the priority of this thread while its event loop is flooded with work."""
-    overload = Overload()
+async def yield_under_overload(wanted: RealTime) -> None:
+    """Until cancelled: give up the priority of this thread while its event loop is flooded with work.
+
+    Clients with real-time priority would then starve it: as long as one is connected, it keeps its place below them.
+    It also keeps what was insisted on: by ``on``, or by another priority with which it was started (chrt).
+    """
+    if sys.platform != "linux" or wanted is RealTime.ON or os.sched_getparam(0).sched_priority > _PRIORITY:
+        return
+    overload, yields = Overload(), False
     used_s, now_s = time.thread_time(), time.monotonic()
     while True:
         await asyncio.sleep(_CHECK_EVERY_S)
         used_before_s, before_s = used_s, now_s
         used_s, now_s = time.thread_time(), time.monotonic()
         share = (used_s - used_before_s) / (now_s - before_s)
-        if overload.see(share, now_s - before_s):
-            if overload.over:
-                _drop_priority()
-                _logger.warning(
-                    "clients keep this emulator busy (%.0f %% of a core): it gives up real-time priority, so that "
-                    "other programs get their share, and claims it again %.0f s after the load has dropped",
-                    100.0 * share,
-                    _CALM_FOR_S,
-                )
-            elif _take_priority():
+        changed = overload.see(share, now_s - before_s)
+        clients = await asyncio.to_thread(real_time_clients) if overload.over else []
+        busy = f"clients keep this emulator busy ({100.0 * share:.0f} % of a core)"
+        if overload.over and not clients and not yields:
+            yields = True
+            _drop_priority()
+            _logger.warning(
+                "%s: it gives up real-time priority, so that other programs get their share, and claims it again "
+                "%.0f s after the load has dropped",
+                busy,
+                _CALM_FOR_S,
+            )
+        elif yields and (clients or not overload.over):
+            yields = False
+            if _take_priority():
                 _logger.warning("real-time priority is in force again")
+        elif changed and clients:
+            _logger.warning("%s: it keeps real-time priority, as its client %s has it, too", busy, clients[0])
+
+
+def real_time_clients() -> list[str]:
+    """Programs with real-time priority on this machine that are connected to this process; takes milliseconds.
+
+    Those of other users, and in other containers, are not seen. Linux only.
+    """
+    peers = _inodes_of_peers()
+    found = []
+    for process in (entry for entry in os.listdir("/proc") if entry.isdigit() and int(entry) != os.getpid()):
+        with contextlib.suppress(OSError):  # it has ended, or belongs to another user
+            threads = os.listdir(f"/proc/{process}/task")
+            if any(map(_is_real_time, map(int, threads))) and not peers.isdisjoint(_inodes(process)):
+                with open(f"/proc/{process}/comm", encoding="utf-8", errors="replace") as name:
+                    found.append(f"{name.read().strip()} (process {process})")
+    return found
+
+
+def _inodes_of_peers() -> set[str]:
+    """Inodes of the sockets at the other ends of this process's connections, as far as they are on this machine."""
+    own = _inodes("self")
+    connections: dict[tuple[str, str], str] = {}
+    for table in ("tcp", "tcp6"):
+        with contextlib.suppress(OSError), open(f"/proc/self/net/{table}", encoding="ascii") as lines:
+            for line in lines:
+                _, here, there, *_, inode = line.split()[:10]
+                connections[here, there] = inode
+    return {connections.get((there, here), "") for (here, there), inode in connections.items() if inode in own} - {""}
+
+
+def _inodes(process: str) -> set[str]:
+    """Inodes of the sockets that a process has open. Raises OSError if it may not be inspected."""
+    inodes = set()
+    for descriptor in os.listdir(f"/proc/{process}/fd"):
+        with contextlib.suppress(OSError):  # just closed
+            if match := _SOCKET.match(os.readlink(f"/proc/{process}/fd/{descriptor}")):
+                inodes.add(match[1])
+    return inodes
 
 
 def usable_cores() -> int:

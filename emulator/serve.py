@@ -302,7 +302,7 @@ async def serve(
         granted = claim_real_time(config.realtime if config.speed == 1.0 else RealTime.OFF)
         await running.enter_async_context(emulator)
         if granted:
-            watching = asyncio.create_task(yield_under_overload())
+            watching = asyncio.create_task(yield_under_overload(config.realtime))
             running.callback(watching.cancel)
         _stop_on_signals(emulator.stop)
         screen.print(first_screen(emulator))

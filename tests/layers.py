@@ -51,6 +51,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "client.errors",
             "client.modbus",
             "client.primary",
+            "client.quantities",
             "client.realtime",
             "client.robotapi",
             "client.rtde",

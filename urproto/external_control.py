@@ -173,9 +173,12 @@ class Query(IntEnum):
 def to_words(values: Iterable[float]) -> tuple[int, ...]:
     """Convert physical values to words. Raises LocalProtocolError for one that is not finite or beyond ±2147 units."""
     # A single expression, because hundreds of setpoints per second pass through here. NaN fails the comparison.
-    return tuple(
-        [round(value * SCALE) if -_MAX_VALUE <= value <= _MAX_VALUE else _unsendable(value) for value in values]
-    )
+    try:
+        return tuple(
+            [round(value * SCALE) if -_MAX_VALUE <= value <= _MAX_VALUE else _unsendable(value) for value in values]
+        )
+    except (TypeError, ValueError):
+        raise LocalProtocolError(f"{str(values)[:40]} cannot be sent: External Control carries numbers") from None
 
 
 def from_words(words: Iterable[int]) -> tuple[float, ...]:
@@ -188,8 +191,9 @@ def _unsendable(value: float) -> NoReturn:
 
 
 def _exactly(name: str, values: Sequence[float], size: int) -> Sequence[float]:
-    if len(values) != size:
-        raise LocalProtocolError(f"{name} must have {size} numbers, not {len(values)}")
+    count = len(values) if hasattr(values, "__len__") else 1
+    if count != size:
+        raise LocalProtocolError(f"{name} must have {size} numbers, not {count}")
     return values
 
 

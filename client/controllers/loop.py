@@ -9,7 +9,7 @@ async with URDriver(host, outputs=RTDE_OUTPUTS) as driver:
 
 import asyncio
 import logging
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine
 from types import TracebackType
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ from client.controllers.ur_hardware import URHardware
 from client.controllers.ur_states import RTDE_OUTPUTS
 from client.driver import URDriver
 from client.errors import ControllerError, NoAnswerError
+from client.rtde import ReceivedState
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
@@ -38,6 +39,7 @@ class ControlLoop:
     driver: a connected driver, with `RTDE_OUTPUTS` among its outputs. manager: loads, activates and switches
     controllers. prefix: prefix of the names of joints and interfaces. The loop runs at the rate of the robot's states,
     and in the robot's time. States that arrive together, for example after this machine was busy, make one cycle.
+    States older than ``max_age_s`` make none.
     """
 
     def __init__(self, driver: URDriver, file: ControllersFile | None = None, *, prefix: str = "") -> None:
@@ -45,7 +47,8 @@ class ControlLoop:
         self._file = usual_controllers(prefix) if file is None else file
         self.prefix = prefix
         self._tasks: set[asyncio.Task[None]] = set()
-        self._newest: Mapping[str, Any] | None = None
+        self._newest: ReceivedState | None = None
+        self._old_since_s: float | None = None  # since when states have been too old
         self._last_s: float | None = None
         self._cycled = asyncio.Event()
         self._manager: ControllerManager | None = None
@@ -164,14 +167,29 @@ class ControlLoop:
         task.add_done_callback(self._tasks.discard)
         return task
 
-    def _on_state(self, state: Mapping[str, Any]) -> None:
+    def _on_state(self, state: ReceivedState) -> None:
         first, self._newest = self._newest is None, state
         if first:
             asyncio.get_running_loop().call_soon(self._cycle)
 
+    def _is_young(self, state: ReceivedState) -> bool:
+        """Whether controllers may act on a state. If states stay too old, motions end, as when the robot is silent."""
+        if (age_s := state.age_s) <= self.driver.robot.feed.max_age_s:
+            self._old_since_s = None
+            return True
+        now_s = asyncio.get_running_loop().time()
+        if self._old_since_s is None:
+            self._old_since_s = now_s
+            _logger.warning("the robot's states may be %.2f s old: controllers wait for younger ones", age_s)
+        elif now_s - self._old_since_s > self.driver.config.silence_s:
+            self.manager.stop_motion(
+                f"the robot's states may be {age_s:.2f} s old: check the network, then activate again"
+            )
+        return False
+
     def _cycle(self) -> None:
         state, self._newest = self._newest, None
-        if state is None or self._manager is None:
+        if state is None or self._manager is None or not self._is_young(state):
             return
         time_s = state["timestamp"]
         period_s = 0.0 if self._last_s is None else max(time_s - self._last_s, 0.0)  # a robot may start again

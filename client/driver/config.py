@@ -7,9 +7,10 @@ from typing import Final
 from client import dashboard, primary, robotapi, rtde
 from client.calibration import parameters
 from client.driver.control_program import ToolCommunicationSettings
-from client.driver.endpoint import KEEP_ALIVE_TIMEOUT_S, REVERSE_PORT, SENDER_PORT
+from client.driver.endpoint import KEEP_ALIVE_TIMEOUT_S, MAX_REAL_TIME_S, REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
 from client.driver.scheduling import RealTime
+from client.quantities import check_fields
 from urproto import robots
 from urproto.modes import KinematicsStatus
 from urproto.primary.state import KinematicsInfo
@@ -63,6 +64,8 @@ class DriverConfig:
     - outputs: RTDE variables to receive in addition to those the driver needs.
     - outputs_if_any: further RTDE variables, received only if the robot offers them.
     - frequency_hz: rate of the states [Hz]; None for the robot's maximum.
+    - max_age_s: states that are older [s] are not used: reading them raises StaleStateError (`client.Robot.q`), and
+      controllers wait. Two periods of the states are allowed in addition.
     - silence_s: a robot that sends no state for this long [s] counts as frozen, and its program is disconnected.
     - calibration: the expected calibration of the robot, as `client.read_calibration` returns it, or its hash; None
       accepts any.
@@ -93,6 +96,7 @@ class DriverConfig:
     frequency_hz: float | None = None
     keep_alive_s: float = 0.1
     keep_alive_timeout_s: float = KEEP_ALIVE_TIMEOUT_S
+    max_age_s: float = MAX_REAL_TIME_S
     silence_s: float = 1.0
     start_timeout_s: float = 5.0
     hang_s: float = 10.0
@@ -103,3 +107,6 @@ class DriverConfig:
     servoj_gain: int = 2000
     tool_voltage: int | None = None
     tool_communication: ToolCommunicationSettings | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)

@@ -10,21 +10,23 @@ with BlockingURDriver("192.168.56.101") as driver:
         driver.servoj(target())
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any
 
 from client.driver.blocking import Blocking, blocking, direct
 from client.driver.config import DriverConfig, calibration_problem
-from client.driver.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
+from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
 from client.driver.endpoint import MAX_REAL_TIME_S, ReverseEndpoint, ScriptSender
 from client.driver.program import KeepAliveThread, ProgramSupervisor
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import RobotLink
 from client.driver.trajectories import Trajectories
+from client.quantities import checked
+from client.rtde import ReceivedState
 from urproto.compat import Self
-from urproto.errors import LocalProtocolError, RobotRefused
+from urproto.errors import RobotRefused
 from urproto.external_control import (
     ControlMode,
     FreedriveAction,
@@ -40,6 +42,7 @@ from urproto.vectors import ZERO3, ZERO6
 from urproto.versions import PolyscopeVersion
 
 
+@checked
 class URDriver:
     """External Control driver for asyncio programs; options are those of `DriverConfig`.
 
@@ -121,11 +124,11 @@ class URDriver:
         return self.robot.version
 
     @property
-    def state(self) -> Mapping[str, Any]:
-        """The newest RTDE state, by variable name."""
+    def state(self) -> ReceivedState:
+        """The newest RTDE state, by variable name, whatever its age (``state.age_s``)."""
         return self.robot.state
 
-    async def next_state(self) -> Mapping[str, Any]:
+    async def next_state(self) -> ReceivedState:
         """The RTDE state after the newest one."""
         return await self.robot.next_state()
 
@@ -191,8 +194,6 @@ class URDriver:
 
         Raises RobotRefused while another client controls the slider.
         """
-        if not 0.01 <= fraction <= 1.0:
-            raise LocalProtocolError(f"the speed slider takes 0.01 to 1, not {fraction}")
         try:
             await self.robot.write_inputs(speed_slider_mask=1, speed_slider_fraction=fraction)
         except RobotRefused as refused:
@@ -287,7 +288,6 @@ class URDriver:
 
     async def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> None:
         """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame."""
-        _check_mass(mass_kg)
         script = f"set_payload({mass_kg}, {_list(cog_m)})"
         await self._command_or_script(ScriptCommand.set_payload(mass_kg, cog_m), script)
 
@@ -303,7 +303,6 @@ class URDriver:
         inertia_kg_m2: Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,).
         """
         self.robot.require("set_target_payload")
-        _check_mass(mass_kg)
         command = ScriptCommand.set_target_payload(mass_kg, cog_m, inertia_kg_m2, transition_time_s)
         script = f"set_target_payload({mass_kg}, {_list(cog_m)}, {_list(inertia_kg_m2)}, {transition_time_s})"
         await self._command_or_script(command, script)
@@ -339,13 +338,6 @@ class URDriver:
         compliant axes [m/s, rad/s], maximum deviations of the others [m, rad]. damping: 0 to 1. gain_scaling: 0 to 2,
         e-Series only.
         """
-        if kind not in (1, 2, 3):
-            raise LocalProtocolError(f"the kind of force mode is 1, 2 or 3, not {kind}")
-        if any(axis not in (0, 1) for axis in selection):
-            raise LocalProtocolError(f"the selection of force mode has a 0 or 1 for each axis, not {list(selection)}")
-        _check_force_mode(damping, gain_scaling)
-        if any(not limit >= 0.0 for limit in limits):
-            raise LocalProtocolError(f"the limits of force mode cannot be negative: {list(limits)}")
         command = ScriptCommand.start_force_mode(
             task_frame_base, selection, wrench, kind, limits, damping=damping, gain_scaling=gain_scaling
         )
@@ -403,11 +395,6 @@ class URDriver:
         """
         lookahead_s = self.config.servoj_lookahead_s if lookahead_s is None else lookahead_s
         gain = self.config.servoj_gain if gain is None else gain
-        check_servo_parameters(lookahead_s, gain)
-        if not (acceleration > 0.0 and deceleration_rad_s2 > 0.0):
-            raise LocalProtocolError(
-                f"acceleration and deceleration must be above 0, not {acceleration} and {deceleration_rad_s2}"
-            )
         self.commands.send(ScriptCommand.set_stream_parameters(lookahead_s, gain, acceleration, deceleration_rad_s2))
 
     def set_freedrive_axes(self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = ZERO6) -> None:
@@ -421,7 +408,6 @@ class URDriver:
 
     def set_force_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
         """Set parameters of the active force mode: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
-        _check_force_mode(damping, gain_scaling)
         self.commands.send(ScriptCommand.set_force_mode_parameters(damping, gain_scaling))
 
     def start_contact_detection(self, direction_base: Sequence[float] = ZERO6) -> None:
@@ -462,16 +448,6 @@ class URDriver:
             self.commands.send(command)
         else:
             await self.robot.send_script(f"sec command():\n  {statement}\nend")
-
-
-def _check_force_mode(damping: float, gain_scaling: float) -> None:
-    if not (0.0 <= damping <= 1.0 and 0.0 <= gain_scaling <= 2.0):
-        raise LocalProtocolError(f"damping is 0 to 1 and gain scaling 0 to 2, not {damping} and {gain_scaling}")
-
-
-def _check_mass(mass_kg: float) -> None:
-    if not mass_kg >= 0.0:
-        raise LocalProtocolError(f"a mass is 0 kg or more, not {mass_kg}")
 
 
 def _list(values: Sequence[float]) -> str:
@@ -534,7 +510,7 @@ class BlockingURDriver(Blocking[URDriver]):
     set_friction_compensation = blocking(URDriver.set_friction_compensation)
     set_friction_scales = blocking(URDriver.set_friction_scales)
 
-    def next_state(self) -> Mapping[str, Any]:
+    def next_state(self) -> ReceivedState:
         """The RTDE state after the newest one."""
         feed = self.inner.robot.feed
         return feed.wait(feed.count, self.inner.config.silence_s)
@@ -555,6 +531,6 @@ class BlockingURDriver(Blocking[URDriver]):
         return self.inner.protective_stopped
 
     @property
-    def state(self) -> Any:
-        """The newest RTDE state, by variable name."""
+    def state(self) -> ReceivedState:
+        """The newest RTDE state, by variable name, whatever its age (``state.age_s``)."""
         return self.inner.state

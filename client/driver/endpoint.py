@@ -50,17 +50,20 @@ _MAX_TIMEOUT_MS: Final = 2**31 - 1
 def read_timeout_ms(mode: ControlMode, timeout_s: float, period_s: float) -> int:
     """Return the timeout [ms] to send for `timeout_s` in this mode.
 
-    It is at least one control period `period_s` [s], and at most 0.2 s in real-time modes. 0 waits forever, except in
-    real-time modes, where it means one period. Raises LocalProtocolError for a negative timeout.
+    It is at least one control period `period_s` [s]. 0 waits forever, except in real-time modes, where it means one
+    period. Raises LocalProtocolError for a negative timeout, and in real-time modes for one above 0.2 s.
     """
     if not timeout_s >= 0.0:
         raise LocalProtocolError(f"a timeout is 0 s or more, not {timeout_s}")
+    if mode.real_time and timeout_s > MAX_REAL_TIME_S:
+        raise LocalProtocolError(
+            f"a robot waits at most {MAX_REAL_TIME_S:g} s for the next setpoint, not {timeout_s}: send them more often"
+        )
     if mode is ControlMode.STOPPED:
         return _STOP_MS
     if timeout_s == 0.0 and not mode.real_time:
         return 0
-    limit_s = MAX_REAL_TIME_S if mode.real_time else _MAX_TIMEOUT_MS / 1000.0
-    return max(1, round(1000.0 * min(max(timeout_s, period_s), limit_s)))
+    return max(1, round(min(1000.0 * max(timeout_s, period_s), _MAX_TIMEOUT_MS)))
 
 
 _MAX_UNSENT: Final = 8192  # bytes of a trajectory, in addition to the system's buffers; guess

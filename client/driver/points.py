@@ -8,12 +8,14 @@ begin; the last point of a trajectory must not blend.
 
 from collections.abc import Sequence
 
+from client.quantities import checked_call
 from urproto.errors import LocalProtocolError
 from urproto.external_control import MotionType, TrajectoryPoint
 
-spline = TrajectoryPoint.spline
+spline = checked_call(TrajectoryPoint.spline)
 
 
+@checked_call
 def movej(
     q_rad: Sequence[float], *, v: float = 1.04, a: float = 1.4, duration_s: float = 0.0, blend_radius_m: float = 0.0
 ) -> TrajectoryPoint:
@@ -21,6 +23,7 @@ def movej(
     return _point(MotionType.MOVEJ, q_rad, (v, a), duration_s, blend_radius_m)
 
 
+@checked_call
 def movej_pose(
     pose_base_tcp: Sequence[float],
     *,
@@ -36,6 +39,7 @@ def movej_pose(
     return _point(MotionType.MOVEJ_POSE, pose_base_tcp, options, duration_s, blend_radius_m, near)
 
 
+@checked_call
 def movel(
     pose_base_tcp: Sequence[float],
     *,
@@ -48,6 +52,7 @@ def movel(
     return _point(MotionType.MOVEL, pose_base_tcp, (v, a), duration_s, blend_radius_m)
 
 
+@checked_call
 def movep(
     pose_base_tcp: Sequence[float], *, v: float = 0.25, a: float = 1.2, blend_radius_m: float = 0.0
 ) -> TrajectoryPoint:
@@ -55,6 +60,7 @@ def movep(
     return _point(MotionType.MOVEP, pose_base_tcp, (v, a), 0.0, blend_radius_m)
 
 
+@checked_call
 def movec(
     via_base_tcp: Sequence[float],
     pose_base_tcp: Sequence[float],
@@ -69,6 +75,7 @@ def movec(
     return _point(MotionType.MOVEC, pose_base_tcp, options, 0.0, blend_radius_m, via_base_tcp)
 
 
+@checked_call
 def optimovej(
     q_rad: Sequence[float], *, v: float = 0.3, a: float = 0.3, blend_radius_m: float = 0.0
 ) -> TrajectoryPoint:
@@ -77,6 +84,7 @@ def optimovej(
     return _point(MotionType.OPTIMOVEJ, q_rad, (v, a), 0.0, blend_radius_m)
 
 
+@checked_call
 def optimovel(
     pose_base_tcp: Sequence[float], *, v: float = 0.3, a: float = 0.3, blend_radius_m: float = 0.0
 ) -> TrajectoryPoint:
@@ -98,9 +106,5 @@ def _point(
     blend_radius_m: float,
     second: Sequence[float] = (0.0,) * 6,
 ) -> TrajectoryPoint:
-    if not (options[0] > 0.0 and options[1] > 0.0):
-        raise LocalProtocolError(f"v and a must be above 0, not {options[0]} and {options[1]}")
-    if not (duration_s >= 0.0 and blend_radius_m >= 0.0):
-        raise LocalProtocolError(f"duration ({duration_s} s) and blend radius ({blend_radius_m} m) cannot be negative")
     parameters = (*options, *(0.0,) * (6 - len(options)))
     return TrajectoryPoint(kind, tuple(target), tuple(second), parameters, duration_s, blend_radius_m)

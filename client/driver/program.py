@@ -17,6 +17,7 @@ from client.driver.endpoint import Endpoint, Peer, ReverseEndpoint, ScriptSender
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import MOVABLE, RobotLink, cancel
 from client.driver.scheduling import RealTime, real_time_thread
+from client.driver.standstill import Standstill
 from client.errors import ProgramNotRunningError, ProgramStaysError
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
@@ -56,6 +57,7 @@ class KeepAliveThread:
         timeout_s: float,
         realtime: RealTime = "auto",
         hang_s: float = 0.0,
+        standstill: Standstill | None = None,
     ) -> None:
         self._reverse = reverse
         self._period_s = period_s
@@ -65,6 +67,7 @@ class KeepAliveThread:
         self._watchdog_s = 0.0
         self._kicked_s = 0.0
         self._hang_timeout_s = hang_s
+        self._standstill = Standstill() if standstill is None else standstill
         self._loop_alive_s = time.monotonic()
         self.stop_reason = ""
         self._thread = threading.Thread(target=self._run, name="driver's keep-alive", daemon=True)
@@ -99,6 +102,7 @@ class KeepAliveThread:
             _logger.error("%s", error)
         due_s = time.monotonic() + self._period_s
         while not self._ended.wait(min(_CHECK_S, self._period_s)):
+            self._standstill.beat()
             try:
                 due_s = self._cycle(due_s)
             except Exception:
@@ -127,6 +131,8 @@ class KeepAliveThread:
             late_s = now - self._kicked_s
             return f"the watchdog was not kicked for {late_s:.2f} s, its timeout is {self._watchdog_s:g} s"
         if self._hang_timeout_s and now - self._loop_alive_s > self._hang_timeout_s:
+            if why := self._standstill.describe():
+                return why
             return f"the event loop of this program has hung for {now - self._loop_alive_s:.1f} s"
         return ""
 
@@ -156,7 +162,12 @@ class ProgramSupervisor:
         self.trajectory = TrajectoryEndpoint(config.trajectory_port)
         self.commands = ScriptCommandEndpoint(config.command_port)
         self.keep_alive = KeepAliveThread(
-            self.reverse, config.keep_alive_s, config.keep_alive_timeout_s, config.realtime, config.hang_s
+            self.reverse,
+            config.keep_alive_s,
+            config.keep_alive_timeout_s,
+            config.realtime,
+            config.hang_s,
+            robot.feed.standstill,
         )
         self._config = config
         self._robot = robot
@@ -426,15 +437,16 @@ class ProgramSupervisor:
     def _on_text(self, text: str) -> None:
         """Handle the control program's messages about its driver."""
         if text == LATE_TEXT:
-            self.reverse.report_late("the robot waited too long for the next setpoint")
+            why = self._robot.feed.standstill.describe()
+            self.reverse.report_late(f"the robot waited too long for the next setpoint{why and f' ({why})'}")
         elif text == GONE_TEXT and not self.keep_alive.stop_reason and not self._start_stop_lock.locked():
             # While a program is being started or stopped, this text comes from the previous program. Restarting then
             # would end the program that the caller has just started.
             self.losses += 1
-            self._loss_reason = (
-                "the robot received nothing from this machine for too long "
-                f"({self.reverse.silence_s:.1f} s by this machine's clock), or the network failed"
+            why = self._robot.feed.standstill.describe() or (
+                f"{self.reverse.silence_s:.1f} s by this machine's clock, or the network failed"
             )
+            self._loss_reason = f"the robot received nothing from this machine for too long ({why})"
             _logger.warning("the control program has ended: %s", self._loss_reason)
             if self._config.restart and self._config.headless and self._restart is None:
                 self._restart = asyncio.create_task(self._restart_program())

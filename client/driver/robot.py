@@ -15,9 +15,16 @@ from client.driver.availability import require
 from client.driver.config import DriverConfig
 from client.driver.endpoint import notify
 from client.driver.feed import StateFeed
-from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError, ScriptFailedError
+from client.errors import (
+    ClientError,
+    ConnectionLostError,
+    NoAnswerError,
+    RobotUnreachableError,
+    ScriptFailedError,
+    StaleStateError,
+)
 from client.primary import PrimaryClient
-from client.rtde import BlockingRTDEClient, RTDEClient
+from client.rtde import BlockingRTDEClient, ReceivedState, RTDEClient
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 from urproto.errors import RemoteProtocolError, RobotRefused
@@ -50,7 +57,7 @@ class RobotLink:
     """Error messages of the robot, oldest first."""
     popups: deque[PopupMessage]
     """Popups of the robot, oldest first."""
-    on_state: list[Callable[[Mapping[str, Any]], None]]
+    on_state: list[Callable[[ReceivedState], None]]
     """Called with each state, in order, in the event loop."""
     on_modes: list[Callable[[Mapping[str, Any]], None]]
     """Called with each state in which a mode has changed."""
@@ -75,7 +82,9 @@ class RobotLink:
         self.on_text = []
         self.dashboard = None
         self.version = PolyscopeVersion(0, 0)
-        self.feed = StateFeed(self._rtde, self._receive_state, self._on_feed_silence, config.silence_s, config.realtime)
+        self.feed = StateFeed(
+            self._rtde, self._receive_state, self._on_feed_silence, config.silence_s, config.max_age_s, config.realtime
+        )
         self._inputs: RTDEClient | None = None
         self._recipes: list[tuple[str, ...]] = []
         self._write_lock = asyncio.Lock()
@@ -85,7 +94,7 @@ class RobotLink:
         self._cleared_until_us = -1  # robot time up to which errors are of no interest
         self._connections = AsyncExitStack()
         self._loop: asyncio.AbstractEventLoop
-        self._undelivered: deque[Mapping[str, Any]] = deque()  # states to be passed to the event loop
+        self._undelivered: deque[ReceivedState] = deque()  # states to be passed to the event loop
         self._reported_modes: tuple[int, ...] = ()  # as seen by the thread
         self._last_modes: tuple[int, ...] = ()  # as seen by the event loop
         self._delivery_scheduled = False  # their delivery to the event loop is scheduled
@@ -115,8 +124,8 @@ class RobotLink:
         await self._connections.aclose()
 
     @property
-    def state(self) -> Mapping[str, Any]:
-        """The newest RTDE state, by variable name."""
+    def state(self) -> ReceivedState:
+        """The newest RTDE state, by variable name, whatever its age."""
         return self.feed.state
 
     @property
@@ -171,7 +180,30 @@ class RobotLink:
         """The calibrated Denavit-Hartenberg parameters [m, rad]; None until they are received."""
         return self._primary.core.kinematics
 
-    async def next_state(self) -> Mapping[str, Any]:
+    async def state_from_now(self) -> ReceivedState:
+        """Wait for a state that the robot takes from now on: one that is still on its way does not count.
+
+        Raises StaleStateError if it takes longer than ``silence_s``, and NoAnswerError if the robot sends none.
+        """
+        asked_s = self.feed.mark()
+        try:
+            async with timeout(self.config.silence_s + self.feed.max_age_s):  # after next_state()
+                while (state := self.state).taken_after_s < asked_s:
+                    await self.next_state()
+        except TimeoutError:
+            why = self.feed.standstill.describe()
+            raise StaleStateError(self.config.robot, state.age_s, self.config.max_age_s, why) from None
+        return state
+
+    async def fresh_state(self) -> ReceivedState:
+        """The newest state, or one from now on if that is too old. Raises StaleStateError if it is too old as well."""
+        try:
+            return self.feed.fresh()
+        except StaleStateError:
+            await self.state_from_now()
+            return self.feed.fresh()
+
+    async def next_state(self) -> ReceivedState:
         """Wait for the next state. Raises NoAnswerError if the robot sends none."""
         before = self.feed.count
         self._awaited = True
@@ -311,7 +343,7 @@ class RobotLink:
 
     # incoming data; the first two methods run in the feed's thread
 
-    def _receive_state(self, state: Mapping[str, Any]) -> None:
+    def _receive_state(self, state: ReceivedState) -> None:
         modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
         if not (self.on_state or self._awaited or modes != self._reported_modes):
             return
@@ -362,7 +394,7 @@ class RobotLink:
             try:
                 self._handle_message(await primary.run(primary.core.next_message(), float("inf")))
             except (ClientError, RemoteProtocolError) as error:
-                _logger.error("no messages from the robot: %s", error)
+                _logger.error("no messages from the robot: %s", self.feed.standstill.describe() or error)
                 await self._reconnect_primary()
 
     async def _reconnect_primary(self) -> None:

@@ -1,11 +1,12 @@
 """Trajectories: points that the control program executes one after the other."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Final
 
 from client.driver.config import DriverConfig
 from client.driver.program import ProgramSupervisor
 from client.driver.robot import RobotLink
+from client.quantities import points_of
 from urproto.errors import LocalProtocolError
 from urproto.external_control import MotionType, TrajectoryAction, TrajectoryPoint, TrajectoryResult
 
@@ -35,8 +36,7 @@ class Trajectories:
 
     async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None) -> TrajectoryResult:
         """Send all points and wait for the result."""
-        points = list(points)
-        self._check(points)
+        points = self._checked(points)
         try:
             await self.start(points)
             return await self.result(timeout_s)
@@ -47,19 +47,19 @@ class Trajectories:
 
     async def start(self, points: Iterable[TrajectoryPoint]) -> None:
         """Cancel the trajectory under way, if any, and start this one."""
-        points = list(points)
-        self._check(points)
+        points = self._checked(points)
         await self._begin(TrajectoryAction.START, len(points))
         await self._port.write(points)
 
     async def result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Wait for the result of the trajectory under way."""
+        """Wait for the result of the trajectory under way, and for a state taken after it."""
         if not self._executing:
             raise LocalProtocolError("no trajectory is under way: start one first")
         result = await self._port.result(timeout_s)
         if self._cancelling and result is not TrajectoryResult.CANCELED:
             await self._port.result(timeout_s)  # it ended just before, but the cancellation is answered too
         self._executing = self._cancelling = False
+        await self._robot.state_from_now()  # states may take longer than the result
         return result
 
     async def cancel(self) -> TrajectoryResult:
@@ -78,8 +78,7 @@ class Trajectories:
         """Send further points of the stream."""
         if self._streamed is None:
             raise LocalProtocolError("no stream is under way: start one first")
-        points = list(points)
-        self._check(points)
+        points = self._checked(points)
         await self._port.write(points)
         self._streamed += len(points)
 
@@ -105,11 +104,11 @@ class Trajectories:
         count, self._streamed = self._streamed or 0, None
         self._reverse.trajectory(TrajectoryAction.CANCEL, count, self._timeout_s)
 
-    def _check(self, points: Sequence[TrajectoryPoint]) -> None:
+    def _checked(self, given: Iterable[TrajectoryPoint]) -> list[TrajectoryPoint]:
+        points = points_of(given)
         if any(point.type in _OPTIMOVES for point in points):
             self._robot.require("optimove")
-        for point in points:
-            point.encode()
+        return points
 
     def _program_changed(self, connected: bool) -> None:
         if connected:

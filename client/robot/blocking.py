@@ -213,8 +213,8 @@ class Robot(Blocking[AsyncRobot]):
     freedrive = blocking_context(AsyncRobot.freedrive)
     force_mode = blocking_context(AsyncRobot.force_mode)
 
-    digital_in = blocking(AsyncRobot.digital_in)
-    digital_out = blocking(AsyncRobot.digital_out)
+    digital_in = direct(AsyncRobot.digital_in)
+    digital_out = direct(AsyncRobot.digital_out)
     set_digital_out = blocking(AsyncRobot.set_digital_out)
     set_payload = blocking(AsyncRobot.set_payload)
     set_target_payload = blocking(AsyncRobot.set_target_payload)
@@ -227,17 +227,17 @@ class Robot(Blocking[AsyncRobot]):
 
     @property
     def state(self) -> RobotState:
-        """The newest state."""
+        """The newest state, whatever its age (``state.age_s``)."""
         return self.inner.state
 
     @property
     def q(self) -> Joints:
-        """Joint angles (6,) [rad], base to wrist 3."""
+        """Joint angles (6,) [rad], base to wrist 3. Raises StaleStateError if they are older than ``max_age_s``."""
         return self.inner.q
 
     @property
     def tcp_pose(self) -> Pose:
-        """TCP in the base frame (6,) [m, rotation vector]."""
+        """TCP in the base frame (6,) [m, rotation vector]. Raises StaleStateError if it is older than ``max_age_s``."""
         return self.inner.tcp_pose
 
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:

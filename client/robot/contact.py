@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 from typing import Final
 
+from client.quantities import checked
 from client.robot.readiness import Readiness
-from urproto.errors import LocalProtocolError
-from urproto.external_control import Query, to_words
+from urproto.external_control import Query
 from urproto.vectors import ZERO6
 
 _ANY: Final = ZERO6
 
 
+@checked
 class Contact:
     """Detects tool contact, during any motion; PolyScope 5.4 or newer. See also `AsyncRobot.move_until_contact`.
 
@@ -42,6 +43,7 @@ class Contact:
         return await self.detected()
 
 
+@checked
 class Force:
     """The force sensor, and force mode while it is in effect (`AsyncRobot.force_mode`)."""
 
@@ -77,7 +79,4 @@ class Force:
 
         Raises RobotRefused while another client writes this input.
         """
-        to_words(wrench)
-        if len(wrench) != len(_ANY):
-            raise LocalProtocolError(f"a wrench has 6 numbers, not {len(wrench)}")
         await self._driver.robot.write_inputs(external_force_torque=tuple(wrench))

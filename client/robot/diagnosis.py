@@ -10,6 +10,7 @@ from client.driver import URDriver
 from client.driver.robot import MOVABLE
 from client.errors import (
     ClientError,
+    NoAnswerError,
     OutOfReachError,
     ProgramEndedError,
     ProtectiveStopError,
@@ -17,6 +18,7 @@ from client.errors import (
     SafetyStopError,
     ScriptFailedError,
 )
+from client.robot.state import RobotState
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
@@ -71,6 +73,20 @@ class Diagnosis:
         except ClientError:
             raise self.unreachable(operation) from None
 
+    async def state_from_now(self, operation: str) -> None:
+        """Wait for a state that the robot takes from now on. Raises RobotUnreachableError, and StaleStateError."""
+        try:
+            await self.driver.robot.state_from_now()
+        except NoAnswerError:
+            raise self.unreachable(operation) from None
+
+    async def fresh_state(self, operation: str) -> RobotState:
+        """The newest state that is young enough. Raises RobotUnreachableError, and StaleStateError."""
+        try:
+            return RobotState.of(await self.driver.robot.fresh_state())
+        except NoAnswerError:
+            raise self.unreachable(operation) from None
+
     def check_safety(self, operation: str) -> None:
         """Raise SafetyStopError, or ProtectiveStopError, while a stop is in effect."""
         mode = self.driver.robot.safety_mode
@@ -88,7 +104,8 @@ class Diagnosis:
         """Return the error for a lost connection, or for a robot that sends nothing."""
         config = self.driver.config
         reason = f"the connection was lost, or the robot stopped sending, during {operation}"
-        return RobotUnreachableError(config.robot, config.robot_ports["rtde"], reason)
+        advice = self.driver.robot.feed.standstill.describe() or "check the network, and that the controller is up"
+        return RobotUnreachableError(config.robot, config.robot_ports["rtde"], reason, advice)
 
     async def end_error(self, operation: str) -> Exception:
         """Return the exception that says why ``operation`` ended, as far as the robot reports it."""

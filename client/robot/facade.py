@@ -11,12 +11,13 @@ from client.calibration import geometry_of
 from client.driver import URDriver, points
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
 from client.driver.endpoint import MAX_REAL_TIME_S, StreamStatistics
+from client.quantities import checked
 from client.robot.contact import Contact, Force
 from client.robot.diagnosis import Diagnosis
 from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics
 from client.robot.motion import MotionRunner
-from client.robot.moves import MotionProgress, Moves, check_six, frame_rotation
+from client.robot.moves import MotionProgress, Moves, frame_rotation
 from client.robot.planned import PlannedMotion
 from client.robot.programs import Dashboard, Programs
 from client.robot.readiness import Readiness
@@ -41,6 +42,7 @@ _JOG_ACCELERATION: Final = 0.5  # m/s2, ur_rtde's default
 _SLOW: Final = (0.1, 0.1, 0.1, 0.17, 0.17, 0.17)  # m/s, rad/s along compliant axes, m, rad along others; guess: slow
 
 
+@checked
 class AsyncRobot:
     """A robot for asyncio programs; use it with ``async with``. Options are those of `client.driver.DriverConfig`.
 
@@ -129,26 +131,30 @@ class AsyncRobot:
 
     @property
     def state(self) -> RobotState:
-        """The newest state."""
+        """The newest state, whatever its age (``state.age_s``)."""
         return RobotState.of(self.driver.state)
 
     @property
+    def _fresh(self) -> RobotState:
+        return RobotState.of(self.driver.robot.feed.fresh())
+
+    @property
     def q(self) -> Joints:
-        """Joint angles (6,) [rad], base to wrist 3."""
-        return self.state.q_rad
+        """Joint angles (6,) [rad], base to wrist 3. Raises StaleStateError if they are older than ``max_age_s``."""
+        return self._fresh.q_rad
 
     @property
     def tcp_pose(self) -> Pose:
-        """TCP in the base frame (6,) [m, rotation vector]."""
-        return self.state.pose_base_tcp
+        """TCP in the base frame (6,) [m, rotation vector]. Raises StaleStateError if it is older than ``max_age_s``."""
+        return self._fresh.pose_base_tcp
 
     def digital_in(self, number: int) -> bool:
         """Level of a digital input: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
-        return self.state.digital_in(number)
+        return self._fresh.digital_in(number)
 
     def digital_out(self, number: int) -> bool:
         """Level of a digital output, numbered like the inputs."""
-        return self.state.digital_out(number)
+        return self._fresh.digital_out(number)
 
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
         """TCP pose in the base frame (6,) at these joint angles (6,) [rad], from the geometry that this arm reports.
@@ -260,7 +266,7 @@ class AsyncRobot:
         With ``points.movel(pose, blend_radius_m=0.02)`` the next move begins 2 cm before the pose. The last move must
         not blend.
         """
-        await self._moves.execute("the sequence", list(moves), wait)
+        await self._moves.execute("the sequence", moves, wait)
 
     async def plan_to(self, goal: "Goal", scene: "PlanningScene", /, *, wait: bool = True, **options: Any) -> None:
         """Move to a goal on a collision-free path in the scene; options are those of `PlannedMotion.go_to`."""
@@ -278,11 +284,8 @@ class AsyncRobot:
 
         A call that replaces a previous one continues from its speeds, without a stop in between.
         """
-
-        def send(_: RobotState) -> None:
-            self.driver.speedj(qd_rad_s, MAX_REAL_TIME_S)
-
-        await self._moves.send_speeds("speed_j", send, duration_s, acceleration_rad_s2, wait)
+        send = partial(self.driver.speedj, qd_rad_s)
+        await self._moves.send_speeds("speed_j", lambda _: send(), duration_s, acceleration_rad_s2, wait)
 
     async def speed_l(
         self,
@@ -293,11 +296,8 @@ class AsyncRobot:
         wait: bool = True,
     ) -> None:
         """Move the TCP at a velocity in the base frame (6,) [m/s, rad/s] for ``duration_s``, then come to rest."""
-
-        def send(_: RobotState) -> None:
-            self.driver.speedl(velocity_base, MAX_REAL_TIME_S)
-
-        await self._moves.send_speeds("speed_l", send, duration_s, acceleration_m_s2, wait)
+        send = partial(self.driver.speedl, velocity_base)
+        await self._moves.send_speeds("speed_l", lambda _: send(), duration_s, acceleration_m_s2, wait)
 
     async def jog(
         self,
@@ -312,13 +312,12 @@ class AsyncRobot:
         frame (6,). Call it again to change the velocity: there is no stop in between.
         """
         turn = frame_rotation(frame)
-        values = check_six("a velocity", velocity)
 
         def send(state: RobotState) -> None:
             x, y, z = state.pose_base_tcp[3:] if turn is None else turn
             rotation: Pose = (0.0, 0.0, 0.0, x, y, z)
-            linear = pose_trans(rotation, (*values[:3], 0.0, 0.0, 0.0))[:3]
-            angular = pose_trans(rotation, (*values[3:], 0.0, 0.0, 0.0))[:3]
+            linear = pose_trans(rotation, (*velocity[:3], 0.0, 0.0, 0.0))[:3]
+            angular = pose_trans(rotation, (*velocity[3:], 0.0, 0.0, 0.0))[:3]
             self.driver.speedl((*linear, *angular), MAX_REAL_TIME_S)
 
         await self._moves.send_speeds("jog", send, math.inf, acceleration_m_s2, False)
@@ -396,7 +395,7 @@ class AsyncRobot:
         setpoints that are too far away, which raises MotionError. `stream` has statistics.
         """
         tuning = {"lookahead_s": lookahead_s, "gain": gain}
-        async with self._stream("servo_j", lambda q_rad: self.driver.servoj(q_rad, timeout_s), tuning) as follow:
+        async with self._stream("servo_j", self.driver.servoj, timeout_s, tuning) as follow:
             yield follow
 
     @asynccontextmanager
@@ -409,7 +408,7 @@ class AsyncRobot:
     ) -> AsyncIterator[Follow]:
         """Like `servo_j`, with poses base to TCP (6,) [m, rotation vector]."""
         tuning = {"lookahead_s": lookahead_s, "gain": gain}
-        async with self._stream("servo_pose", lambda pose: self.driver.servo_pose(pose, timeout_s), tuning) as follow:
+        async with self._stream("servo_pose", self.driver.servo_pose, timeout_s, tuning) as follow:
             yield follow
 
     @asynccontextmanager
@@ -421,7 +420,7 @@ class AsyncRobot:
         With the default acceleration, speeds are reached almost instantly: the caller provides the ramps.
         """
         tuning = {"acceleration": acceleration_rad_s2}
-        async with self._stream("velocity_j", lambda qd: self.driver.speedj(qd, timeout_s), tuning) as follow:
+        async with self._stream("velocity_j", self.driver.speedj, timeout_s, tuning) as follow:
             yield follow
 
     @asynccontextmanager
@@ -430,7 +429,7 @@ class AsyncRobot:
     ) -> AsyncIterator[Follow]:
         """Like `velocity_j`, with TCP velocities in the base frame (6,) [m/s, rad/s]."""
         tuning = {"acceleration": acceleration_m_s2}
-        async with self._stream("velocity_l", lambda xd: self.driver.speedl(xd, timeout_s), tuning) as follow:
+        async with self._stream("velocity_l", self.driver.speedl, timeout_s, tuning) as follow:
             yield follow
 
     @asynccontextmanager
@@ -440,7 +439,7 @@ class AsyncRobot:
         `URDriver.set_friction_scales` (5.25.1) and `set_friction_compensation` set how much friction the robot
         compensates.
         """
-        async with self._stream("direct_torque", lambda torque_Nm: self.driver.torque(torque_Nm, timeout_s)) as follow:
+        async with self._stream("direct_torque", self.driver.torque, timeout_s) as follow:
             yield follow
 
     @asynccontextmanager
@@ -556,8 +555,6 @@ class AsyncRobot:
 
     async def history(self, steps: int) -> Joints:
         """Joint angles (6,) [rad] as measured ``steps`` control periods ago; PolyScope 5.4 or newer."""
-        if steps < 0:
-            raise LocalProtocolError(f"history goes back 0 periods or more, not {steps}")
         return cast(Joints, await self.query("history", Query.JOINT_POSITIONS_HISTORY, number=steps, gate="contact"))
 
     async def is_steady(self) -> bool:

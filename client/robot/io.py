@@ -3,6 +3,7 @@
 from typing import Any, Final
 
 from client.driver import URDriver
+from client.quantities import checked
 from urproto.errors import LocalProtocolError
 
 _ANALOG: Final = 2
@@ -11,6 +12,7 @@ _VOLTS: Final = 10.0
 _AMPERES: Final = (0.004, 0.020)
 
 
+@checked
 class IO:
     """Analog signals, tool voltage and registers, with or without the control program and during motions.
 
@@ -22,15 +24,13 @@ class IO:
 
     async def set_analog_voltage(self, number: int, volts: float) -> None:
         """Set analog output 0 or 1 to a voltage, 0 to 10 V."""
-        if not 0.0 <= volts <= _VOLTS:
+        if volts > _VOLTS:
             raise LocalProtocolError(f"an analog output gives 0 to {_VOLTS:g} V, not {volts}")
         await self._set_analog(number, 1, volts / _VOLTS)
 
     async def set_analog_current(self, number: int, amperes: float) -> None:
         """Set analog output 0 or 1 to a current, 0.004 to 0.020 A."""
         low, high = _AMPERES
-        if not low <= amperes <= high:
-            raise LocalProtocolError(f"an analog output gives {low} to {high} A, not {amperes}")
         await self._set_analog(number, 0, (amperes - low) / (high - low))
 
     def analog_in(self, number: int) -> float:
@@ -67,7 +67,7 @@ class IO:
         await self._driver.robot.write_inputs(**values, **{f"standard_analog_output_{number}": share})
 
     def _value(self, name: str) -> Any:
-        values = self._driver.state
+        values = self._driver.robot.feed.fresh()
         if name not in values:
             raise LocalProtocolError(
                 f"{name} is not received: request it when connecting, Robot(host, outputs=({name!r},))"

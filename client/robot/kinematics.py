@@ -9,6 +9,7 @@ PolyScope version lacks, and NoAnswerError.
 from collections.abc import Sequence
 from typing import Final, cast
 
+from client.quantities import checked
 from client.robot.readiness import Readiness
 from urproto.external_control import Query
 from urproto.robots import Joints
@@ -20,6 +21,7 @@ Numbers = Sequence[float]
 _SIX: Final = 6
 
 
+@checked
 class Kinematics:
     """Forward and inverse kinematics, safety limits and Jacobians, computed by the controller."""
 
@@ -81,6 +83,7 @@ class Kinematics:
         return pose_trans(pose_from, pose_from_to)
 
 
+@checked
 class Dynamics:
     """Mass matrix, torques and accelerations, computed by the controller."""
 

@@ -1,6 +1,7 @@
 """Runs one motion at a time: starts it, watches it, waits for it, stops it."""
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
 from typing import Any, Final
@@ -16,10 +17,14 @@ from urproto.external_control import ControlMode
 
 _REST_S: Final = 5.0  # guess: a ramp to rest takes less than one second
 _SETTLE_STATES: Final = 3  # guess: a command sent during a motion is read within one control period
+_STUCK_S: Final = 2.0  # before it is worth a warning (guess)
+_REMIND_S: Final = 60.0  # until the next one (guess)
 _DEFAULTS: Final[Mapping[str, float | None]] = {
     "acceleration": SPEED_ACCELERATION,
     "deceleration_rad_s2": DECELERATION,
 }
+
+_logger = logging.getLogger(__name__)
 
 
 class MotionRunner:
@@ -48,7 +53,7 @@ class MotionRunner:
 
     @property
     def state(self) -> RobotState:
-        """The newest state."""
+        """The newest state, whatever its age."""
         return RobotState.of(self.driver.state)
 
     async def close(self) -> BaseException | None:
@@ -166,7 +171,7 @@ class MotionRunner:
         """Check every state until the condition is true for one of them, and return that state; see `AsyncRobot`."""
         try:
             async with timeout(timeout_s):
-                while not condition(state := self.state):
+                while not condition(state := await self.diagnosis.fresh_state("wait_for")):
                     if self._motion is not None and self._motion.done() and _failed(self._motion):
                         await self.wait_done()
                     await self.diagnosis.next_state("wait_for")
@@ -197,6 +202,7 @@ class MotionRunner:
         else:
             self.driver.idle()
             await self.diagnosis.next_state("stop")  # the program reads it once a control period
+        await self.diagnosis.state_from_now("stop")
         with suppress(TimeoutError):
             async with timeout(_REST_S):
                 while not self.state.at_rest:
@@ -226,13 +232,31 @@ class MotionRunner:
         task = asyncio.create_task(work())
         alarm = asyncio.create_task(self.diagnosis.alarm.wait())
         try:
-            await asyncio.wait((task, alarm), return_when=asyncio.FIRST_COMPLETED)
+            await self._wait_for_any(operation, task, alarm)
             if task.done() and not isinstance(task.exception(), PROGRAM_GONE):
                 return task.result()
         finally:
             await _cancelled(task)
             await _cancelled(alarm)
         raise await self.readiness.end_error(operation)
+
+    async def _wait_for_any(self, operation: str, *tasks: "asyncio.Task[Any]") -> None:
+        """Wait until a task is done; meanwhile warn of what keeps the arm from moving without ending its motion."""
+        quiet_s = 0.0  # until the next warning
+        while not (await asyncio.wait(tasks, timeout=_STUCK_S, return_when=asyncio.FIRST_COMPLETED))[0]:
+            why = self._stuck_reason()
+            quiet_s = max(quiet_s - _STUCK_S, 0.0) if why else 0.0
+            if why and not quiet_s:
+                _logger.warning("%s waits: %s", operation, why)
+                quiet_s = _REMIND_S
+
+    def _stuck_reason(self) -> str:
+        """Say why the arm does not move although a motion is under way; "" if it may."""
+        if self.diagnosis.paused:
+            return "the robot's program is paused: resume it on the robot, or stop()"
+        if self.state.speed_fraction == 0.0:
+            return "the speed slider is at 0 %: raise it on the pendant, or set_speed_slider()"
+        return ""
 
     def _program_changed(self, connected: bool) -> None:
         if connected:

@@ -1,20 +1,22 @@
 """Motions that end by themselves: trajectories, speeds for a duration, approach until contact."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from client.driver.endpoint import MAX_REAL_TIME_S
-from client.errors import MotionError, MotionStoppedError
+from client.errors import LateSetpointError, MotionError, MotionStoppedError, NoAnswerError
+from client.quantities import QUANTITIES, points_of
 from client.robot.motion import MotionRunner
 from client.robot.reach import reach_of
 from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError
-from urproto.external_control import Query, TrajectoryPoint, TrajectoryResult, to_words
+from urproto.external_control import Query, TrajectoryPoint, TrajectoryResult
 
 _READ_STATES: Final = 20  # guess: messages sent while the arm returned from a contact are read within this
+_LONG_WAIT_S: Final = 0.1  # guess: half of the time that a robot waits for a setpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +52,9 @@ class Moves:
             self._motion.operation if running else "", running, max(0, round(point) - 1) if points else 0, points
         )
 
-    async def execute(self, operation: str, moves: list[TrajectoryPoint], wait: bool) -> None:
+    async def execute(self, operation: str, moves: Iterable[TrajectoryPoint], wait: bool) -> None:
         """Execute points as one trajectory. Raises OutOfReachError before anything moves."""
-        for move in moves:
-            move.encode()  # raises if its values cannot be sent
+        moves = points_of(moves)
         await self._motion.ready(operation)
         if reach := reach_of(self._driver.robot, self._motion.state.q_rad):
             reach.check(operation, moves)
@@ -65,7 +66,10 @@ class Moves:
         popups.clear()
         program = self._driver.program
         losses = program.losses
-        result = await self._driver.execute(moves)
+        try:
+            result = await self._driver.execute(moves)
+        except NoAnswerError:
+            raise self._diagnosis.unreachable(operation) from None
         if result is TrajectoryResult.FAILURE:
             raise MotionError(operation, "its points did not reach the robot in time: check the network")
         if result is TrajectoryResult.CANCELED and not popups:
@@ -92,20 +96,42 @@ class Moves:
         await self._motion.ready(operation, rolling=True)
         await self._motion.tune(operation, acceleration=acceleration)
         self._motion.check_not_busy(operation)
-        send(self._motion.state)  # raises here, in the caller, if the values cannot be sent
         self._points = ()
         await self._motion.launch(operation, partial(self._send_for, operation, send, duration_s), wait)
 
     async def _send_for(self, operation: str, send: Callable[[RobotState], None], duration_s: float) -> None:
-        end_s = self._motion.state.timestamp_s + duration_s
+        end_s = (await self._diagnosis.fresh_state(operation)).timestamp_s + duration_s
         try:
-            while (state := self._motion.state).timestamp_s < end_s:
-                send(state)
-                await self._diagnosis.next_state(operation)
+            await self._repeat(operation, send, lambda state: state.timestamp_s >= end_s)
         finally:
             if self._driver.program_running and not self._motion.rolling:
                 self._driver.idle()
         await self._motion.come_to_rest()
+
+    async def _repeat(
+        self, operation: str, send: Callable[[RobotState], None], done: Callable[[RobotState], bool]
+    ) -> None:
+        """Call ``send`` with every state until ``done``.
+
+        Raises LateSetpointError if this machine was late, and MotionError if the robot's states were.
+        """
+        waited_s = 0.0
+        while not done(state := await self._diagnosis.fresh_state(operation)):
+            try:
+                send(state)
+            except LateSetpointError as late:
+                stood_still = self._driver.robot.feed.standstill.describe()
+                if stood_still or waited_s < _LONG_WAIT_S:
+                    why = f"{late.late} ({stood_still})" if stood_still else late.late
+                    raise LateSetpointError(operation, why) from None
+                raise MotionError(
+                    operation,
+                    f"the robot's next state came after {waited_s:.2f} s, too late for the next setpoint, so the robot "
+                    "stopped the arm: check the network and the robot",
+                ) from None
+            began_s = time.monotonic()
+            await self._diagnosis.next_state(operation)
+            waited_s = time.monotonic() - began_s
 
     async def until_contact(
         self,
@@ -118,7 +144,7 @@ class Moves:
         """Move the TCP until the tool touches something, and return to where the contact began."""
         operation = "move_until_contact"
         self._driver.robot.require("contact")
-        work = partial(self._approach, operation, check_six("a velocity", velocity), direction_base, timeout_s)
+        work = partial(self._approach, operation, velocity, direction_base, timeout_s)
         await self._motion.ready(operation)
         await self._motion.tune(operation, acceleration=acceleration)
         self._points = ()
@@ -127,15 +153,17 @@ class Moves:
     async def _approach(
         self, operation: str, velocity: Sequence[float], direction_base: Sequence[float], timeout_s: float
     ) -> None:
+        end_s = (await self._diagnosis.fresh_state(operation)).timestamp_s + timeout_s
         self._driver.start_tool_contact(direction_base)
         result = asyncio.create_task(self._driver.tool_contact_result())
-        end_s = self._motion.state.timestamp_s + timeout_s
+
+        def send(state: RobotState) -> None:
+            if state.timestamp_s >= end_s:
+                raise MotionError(operation, f"the tool touched nothing within {timeout_s:g} s")
+            self._driver.speedl(velocity)
+
         try:
-            while not result.done():
-                if self._motion.state.timestamp_s >= end_s:
-                    raise MotionError(operation, f"the tool touched nothing within {timeout_s:g} s")
-                self._driver.speedl(velocity, MAX_REAL_TIME_S)
-                await self._diagnosis.next_state(operation)
+            await self._repeat(operation, send, lambda _: result.done())
             result.result()
         finally:
             result.cancel()
@@ -148,14 +176,6 @@ class Moves:
         await self._motion.come_to_rest()
 
 
-def check_six(name: str, values: Sequence[float]) -> tuple[float, ...]:
-    """Check that these are six numbers that can be sent. Raises LocalProtocolError."""
-    to_words(values)
-    if len(values) != 6:
-        raise LocalProtocolError(f"{name} has 6 numbers, not {len(values)}")
-    return tuple(values)
-
-
 def frame_rotation(frame: str | Sequence[float]) -> Sequence[float] | None:
     """The rotation vector of a frame in the base frame; None for the tool's."""
     if frame == "base":
@@ -164,4 +184,5 @@ def frame_rotation(frame: str | Sequence[float]) -> Sequence[float] | None:
         return None
     if isinstance(frame, str):
         raise LocalProtocolError(f'a frame is "base", "tool" or a pose, not {frame!r}')
-    return check_six("the pose of a frame", frame)[3:]
+    QUANTITIES["frame_base"].check(frame)
+    return frame[3:]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 from client.calibration import require_model
 from client.errors import PathBlockedError, PlanningError
+from client.quantities import checked
 from client.robot.moves import Moves
 from client.robot.state import RobotState
 from urproto.external_control import TrajectoryPoint
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _CHECK_PERIOD_S: Final = 0.05  # between checks whether the scene has changed; guess
 
 
+@checked
 class PlannedMotion:
     """Plans for the arm that the robot reports, from its current configuration, and executes the plans."""
 
@@ -47,7 +49,7 @@ class PlannedMotion:
         A pose goal without a TCP refers to the robot's TCP. Other tasks run meanwhile. Raises PlanningError.
         """
         planner = _planner(scene, options)
-        return await asyncio.to_thread(planner.plan, self._q_rad, self._with_tcp(goal), **options)
+        return await asyncio.to_thread(planner.plan, await self._q_rad(), self._with_tcp(goal), **options)
 
     async def plan_sequence(
         self, items: "Sequence[MotionSequenceItem]", scene: "PlanningScene", /, **options: Any
@@ -55,7 +57,7 @@ class PlannedMotion:
         """Plan several motions from the current configuration; see `client.planning.Planner.plan_sequence`."""
         planner = _planner(scene, options)
         items = [replace(item, goal=self._with_tcp(item.goal)) for item in items]
-        return await asyncio.to_thread(planner.plan_sequence, self._q_rad, items, **options)
+        return await asyncio.to_thread(planner.plan_sequence, await self._q_rad(), items, **options)
 
     async def compute_cartesian_path(
         self, waypoints: Sequence[Sequence[float]], scene: "PlanningScene", /, *args: Any, **options: Any
@@ -66,11 +68,11 @@ class PlannedMotion:
         """
         planner = _planner(scene, options)
         options["tcp_offset"] = options.get("tcp_offset") or self.tcp_offset()
-        return await asyncio.to_thread(planner.compute_cartesian_path, self._q_rad, waypoints, *args, **options)
+        return await asyncio.to_thread(planner.compute_cartesian_path, await self._q_rad(), waypoints, *args, **options)
 
     async def execute(self, plan: "Plan", *, wait: bool = True) -> None:
         """Execute a plan. Raises PlanningError if the arm is not at the start of the plan."""
-        plan.check_start(self._driver.state["actual_q"])
+        plan.check_start(await self._q_rad())
         trajectory = plan.trajectory
         if len(trajectory.times_s) < 2:
             if plan.stopped_by:
@@ -122,7 +124,7 @@ class PlannedMotion:
                     continue
                 seen = scene.revision
                 checker = CollisionChecker(scene.copy())
-                blocked = await asyncio.to_thread(blocking_reason, checker, plan.trajectory, self._q_rad)
+                blocked = await asyncio.to_thread(blocking_reason, checker, plan.trajectory, await self._q_rad())
                 if blocked and not executing.done():
                     executing.cancel()
                     await asyncio.wait({executing})
@@ -133,9 +135,8 @@ class PlannedMotion:
             executing.cancel()
         return ""
 
-    @property
-    def _q_rad(self) -> Joints:
-        return RobotState(self._driver.state).q_rad
+    async def _q_rad(self) -> Joints:
+        return RobotState(await self._driver.robot.fresh_state()).q_rad
 
     def _with_tcp(self, goal: "Goal") -> "Goal":
         from client.planning import CircGoal, GoalSet, PoseGoal

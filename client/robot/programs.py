@@ -7,6 +7,7 @@ from client import dashboard
 from client.dashboard_commands import Operation
 from client.driver import URDriver
 from client.primary import PrimaryClient
+from client.quantities import checked
 from client.robot.motion import MotionRunner
 from client.scripts import ScriptResult
 from urproto.dashboard import ProgramState, UserRole
@@ -18,6 +19,7 @@ from urproto.versions import PolyscopeVersion
 Answer = TypeVar("Answer")
 
 
+@checked
 class Programs:
     """Runs programs other than the control program.
 
@@ -59,6 +61,7 @@ class Programs:
         return await self.run(from_bytes(Path(path).read_bytes()), timeout_s=timeout_s)
 
 
+@checked
 class Dashboard:
     """Dashboard commands: power, brakes, programs of the pendant, popups.
 

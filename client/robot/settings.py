@@ -7,8 +7,7 @@ from client.driver.robot import MOVABLE
 from client.robot.motion import MotionRunner
 from client.robot.readiness import LOCAL_CONTROL
 from client.robot.state import RobotState, check_signal
-from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.external_control import to_words
+from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, SafetyMode
 from urproto.signals import digital_signal
 
@@ -38,9 +37,6 @@ class Settings:
         """Set the TCP as a pose in the flange frame (6,) [m, rotation vector]; not possible during a motion."""
         if self._motion.busy:
             await self._motion.check_free("set_tcp")
-        to_words(pose_flange_tcp)
-        if len(pose_flange_tcp) != 6:
-            raise LocalProtocolError(f"a pose has 6 numbers, not {len(pose_flange_tcp)}")
         if self._driver.program_running and self._accepts_commands:
             self._driver.set_tcp(pose_flange_tcp)
         else:

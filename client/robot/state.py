@@ -1,9 +1,11 @@
 """`RobotState`: the robot's state in one control period, as a program reads it."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, cast
 
+from client.rtde import ReceivedState
 from urproto.compat import Self
 from urproto.errors import LocalProtocolError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
@@ -68,6 +70,11 @@ class RobotState:
     def of(cls, values: Mapping[str, Any]) -> Self:
         """Create it from the RTDE variables: `OUTPUTS`, and those that a driver needs."""
         return cls(values)
+
+    @property
+    def age_s(self) -> float:
+        """The robot took the state at most this long ago [s]; infinite for values that were not received from it."""
+        return self.values.age_s if isinstance(self.values, ReceivedState) else math.inf
 
     @property
     def timestamp_s(self) -> float:

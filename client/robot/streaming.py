@@ -6,11 +6,13 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequenc
 from contextlib import asynccontextmanager
 from typing import Any, Final
 
+from client.driver.endpoint import read_timeout_ms
 from client.driver.robot import MOVABLE
 from client.errors import ClientError, LateSetpointError, MotionError, MotionStoppedError
 from client.robot.motion import MotionRunner
 from client.robot.readiness import PROGRAM_GONE
 from client.robot.state import RobotState
+from urproto.external_control import ControlMode
 
 _logger = logging.getLogger(__name__)
 
@@ -40,7 +42,7 @@ class Follow:
         else:
             await self._motion.diagnosis.next_state(self._operation)
         self._seen = self._feed.count
-        return RobotState.of(self._feed.state)
+        return await self._motion.diagnosis.fresh_state(self._operation)
 
     def from_thread(self, call: Callable[[Coroutine[Any, Any, Any]], Any], setpoint: Sequence[float]) -> RobotState:
         """Send a setpoint from a thread, bypassing the event loop; ``call`` runs a coroutine in the loop and waits."""
@@ -51,7 +53,7 @@ class Follow:
         except ClientError:
             raise self._motion.diagnosis.unreachable(self._operation) from None
         self._seen = self._feed.count
-        return RobotState.of(self._feed.state)
+        return RobotState.of(self._feed.fresh())
 
     def _send_setpoint(self, setpoint: Sequence[float]) -> bool:
         """Send a setpoint; False if the stream has ended for a cause that the caller has to find out."""
@@ -74,14 +76,19 @@ class Follow:
 async def setpoint_stream(
     motion: MotionRunner,
     operation: str,
-    send: Callable[[Sequence[float]], None],
+    send: Callable[[Sequence[float], float], None],
+    timeout_s: float,
     tuning: Mapping[str, float | None] = _UNCHANGED,
 ) -> AsyncIterator[Follow]:
-    """Reserve the arm for setpoints sent through ``send``; logs statistics of the stream at its end."""
+    """Reserve the arm for setpoints sent through ``send`` with the timeout; logs statistics of the stream at its end.
+
+    Raises LocalProtocolError for a ``timeout_s`` that the robot does not honour.
+    """
+    read_timeout_ms(ControlMode.SERVOJ, timeout_s, motion.driver.reverse.period_s)
     async with motion.exclusive(operation):
         await motion.tune(operation, **tuning)
         motion.driver.robot.popups.clear()
-        yield Follow(motion, operation, send)
+        yield Follow(motion, operation, lambda setpoint: send(setpoint, timeout_s))
         if why := motion.driver.reverse.pop_late_reason():
             raise LateSetpointError(operation, why)
         stream = motion.driver.reverse.stream

@@ -64,9 +64,13 @@ def _claim(configs: Sequence[EmulatorConfig]) -> bool:
     wanted = {config.realtime for config in configs}
     if RealTime.OFF in wanted or any(config.speed != 1.0 for config in configs):
         return bool(claim_real_time(RealTime.OFF))
-    granted = claim_real_time(RealTime.ON if RealTime.ON in wanted else RealTime.AUTO)
+    granted = claim_real_time(_wanted(configs))
     _logger.info("process %d: granted by the system: %s", os.getpid(), ", ".join(granted) or "nothing")
     return bool(granted)
+
+
+def _wanted(configs: Sequence[EmulatorConfig]) -> RealTime:
+    return RealTime.ON if any(config.realtime is RealTime.ON for config in configs) else RealTime.AUTO
 
 
 class _Worker:
@@ -84,7 +88,7 @@ class _Worker:
         watching: asyncio.Task[None] | None = None
         try:
             if _claim(self._configs):
-                watching = asyncio.create_task(yield_under_overload())
+                watching = asyncio.create_task(yield_under_overload(_wanted(self._configs)))
             robots = [asyncio.create_task(self._live(index, each)) for index, each in enumerate(self._emulators)]
             try:
                 await asyncio.gather(*robots)

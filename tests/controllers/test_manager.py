@@ -1,6 +1,7 @@
 """Life cycle, switching and conflicts; what happens when controllers or hardware fail."""
 
 import asyncio
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +13,8 @@ from client.controllers.goals import ErrorCode
 from client.controllers.loop import ControlLoop
 from client.controllers.parameters import Reading, read_parameters
 from client.errors import ControllerError
+from client.rtde import ReceivedState
+from urproto.rtde.recipes import RecipeValues
 
 TRANSITIONS = sorted({transition for _, transition in LIFE_CYCLE})
 
@@ -183,14 +186,21 @@ def test_forward_commands_are_checked_and_end_with_the_activity():
     assert bench.q == place
 
 
+DRIVER = SimpleNamespace(robot=SimpleNamespace(feed=SimpleNamespace(max_age_s=60.0)))
+
+
+def received(timestamp: float) -> ReceivedState:
+    return ReceivedState(RecipeValues((timestamp,), {"timestamp": 0}), time.monotonic())
+
+
 async def test_two_states_that_come_together_are_one_cycle_with_the_later_one():
     """As after a hold-up of this machine: a cycle for each would command the arm twice within a period."""
     cycles = []
-    loop = ControlLoop(SimpleNamespace())  # type: ignore[arg-type]
+    loop = ControlLoop(DRIVER)  # type: ignore[arg-type]
     loop._manager = SimpleNamespace(cycle=lambda state, time_s, period_s: cycles.append((time_s, period_s)) or True)
     for timestamps in ((1.0,), (1.002, 1.004), (1.006,)):
         for timestamp in timestamps:
-            loop._on_state({"timestamp": timestamp})
+            loop._on_state(received(timestamp))
         await asyncio.sleep(0)
     assert cycles == [(1.0, 0.0), (1.004, pytest.approx(0.004)), (1.006, pytest.approx(0.002))]
 
@@ -202,10 +212,10 @@ async def test_after_a_state_without_a_time_the_period_is_counted_from_the_last_
         cycles.append((time_s, period_s))
         return time_s == time_s
 
-    loop = ControlLoop(SimpleNamespace())  # type: ignore[arg-type]
+    loop = ControlLoop(DRIVER)  # type: ignore[arg-type]
     loop._manager = SimpleNamespace(cycle=cycle)
     for timestamp in (1.0, float("nan"), 1.004):
-        loop._on_state({"timestamp": timestamp})
+        loop._on_state(received(timestamp))
         await asyncio.sleep(0)
     assert cycles[-1] == (1.004, pytest.approx(0.004))
 

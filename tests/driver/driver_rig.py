@@ -98,7 +98,7 @@ def emulator_thread(model: str = "ur5e") -> Iterator[Emulator]:
 def driver_options(robot: Emulator, **options: Any) -> dict[str, Any]:
     """Of a driver for this robot, on free ports and patient."""
     ports = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
-    patience = {"silence_s": 5.0, "start_timeout_s": PATIENCE_S}
+    patience = {"silence_s": 5.0, "max_age_s": 5.0, "start_timeout_s": PATIENCE_S}
     return {"robot_ports": robot.ports} | patience | ports | options
 
 

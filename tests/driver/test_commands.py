@@ -188,14 +188,14 @@ def sent(monkeypatch):
 
 @pytest.mark.parametrize("fraction", [0.0, 0.009, 1.001, -1.0, float("nan")])
 async def test_the_speed_slider_has_two_ends(sent, fraction):
-    with pytest.raises(LocalProtocolError, match=r"takes 0\.01 to 1"):
+    with pytest.raises(LocalProtocolError, match=r"speed slider: from 0\.01 to 1"):
         await sent.driver.set_speed_slider(fraction)
 
 
 @pytest.mark.parametrize("mass", [-0.001, float("nan")])
 async def test_a_mass_that_is_none_is_refused_also_where_a_script_would_carry_it(sent, mass):
     for command in (sent.driver.set_payload, sent.driver.set_target_payload):
-        with pytest.raises(LocalProtocolError, match="a mass is"):
+        with pytest.raises(LocalProtocolError, match="a mass:"):
             await command(mass, (0.0, 0.0, 0.0))
 
 

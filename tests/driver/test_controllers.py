@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -27,6 +28,7 @@ from client.controllers import (
 from client.controllers.goal_files import read_goals
 from client.errors import ControllerError, MotionError, OutOfReachError
 from client.recording import read
+from emulator.faults.rtde import StaleData
 from urproto.compat_asyncio import timeout
 
 PASSTHROUGH = "passthrough_trajectory_controller"
@@ -162,6 +164,19 @@ async def test_a_robot_that_falls_silent_ends_the_goal(robot):
         assert "the robot sends nothing" in result.error_string
         robot.clock.start(robot._tick)
         await bench.until(lambda: bench.program_ended)
+
+
+@ON_CB3
+async def test_states_that_stay_old_end_the_goal_like_silence(robot):
+    async with controlled(robot, SCALED, silence_s=0.5, max_age_s=0.2) as bench:
+        handle = bench.controller(SCALED).send_goal(way((3.0, moved(0.5, 0, 0, 0, 0, 0))))
+        await bench.after(0.2)
+        robot.faults.inject(StaleData(timestamp="stands"))
+        last_s = bench.manager.time_s
+        async with timeout(PATIENCE_S):
+            result = await bench.loop.result(handle)
+        assert re.search(r"the robot's states may be \d\.\d\d s old", result.error_string)
+        assert bench.manager.time_s - last_s < 1.0, "cycles were made from old states"
 
 
 @ON_E_SERIES

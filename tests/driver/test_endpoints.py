@@ -91,8 +91,7 @@ async def test_setpoints_as_the_robot_reads_them():
         (ControlMode.SERVOJ, 0.02, 20),
         (ControlMode.SERVOJ, 0.0, 8),
         (ControlMode.TORQUE, 0.001, 8),
-        (ControlMode.POSE, 5.0, 200),
-        (ControlMode.SPEEDL, float("inf"), 200),
+        (ControlMode.POSE, 0.2, 200),
         (ControlMode.IDLE, 0.0, 0),
         (ControlMode.IDLE, 0.001, 8),
         (ControlMode.FORWARD, 5.0, 5000),
@@ -104,10 +103,18 @@ def test_timeouts_are_kept_within_what_is_safe(mode, timeout_s, sent_ms):
     assert read_timeout_ms(mode, timeout_s, 0.008) == sent_ms
 
 
-@pytest.mark.parametrize("wrong", [-1.0, float("nan")])
-def test_timeouts_that_make_no_sense(wrong):
+@pytest.mark.parametrize(
+    ("mode", "wrong"),
+    [
+        (ControlMode.IDLE, -1.0),
+        (ControlMode.IDLE, float("nan")),
+        (ControlMode.POSE, 0.201),
+        (ControlMode.SPEEDL, float("inf")),
+    ],
+)
+def test_timeouts_that_no_robot_keeps(mode, wrong):
     with pytest.raises(LocalProtocolError):
-        read_timeout_ms(ControlMode.IDLE, wrong, 0.002)
+        read_timeout_ms(mode, wrong, 0.002)
 
 
 async def test_no_robot():

@@ -123,7 +123,7 @@ def test_an_error_inside_a_context_is_the_callers(robot):
 
 def test_a_condition_that_calls_the_robot_does_not_hang(robot):
     with pytest.raises(RuntimeError, match="wait for itself"):
-        robot.wait_for(lambda state: robot.digital_in(0), 5)
+        robot.wait_for(lambda state: robot.is_steady(), 5)
 
 
 def test_no_robot_leaves_no_thread_behind():

@@ -17,6 +17,7 @@ import pytest
 from emulator import realtime
 from emulator.logs import BackgroundStream
 from emulator.realtime import Overload
+from urproto.compat_asyncio import timeout
 from urproto.testing.process import EmulatorProcess
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the emulator requests priorities on Linux only")
@@ -88,17 +89,57 @@ async def test_a_flooded_loop_gives_up_its_priority(
     monkeypatch.setattr(realtime, "_CHECK_EVERY_S", 0.05)
     monkeypatch.setattr(realtime, "_CALM_FOR_S", 0.1)
     monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, parameters: requested.append(policy))
-    watching = asyncio.create_task(realtime.yield_under_overload())
+    monkeypatch.setattr(realtime, "_is_real_time", lambda thread: False)
+    monkeypatch.setattr(realtime, "real_time_clients", lambda: clients)
+    clients: list[str] = []
+    watching = asyncio.create_task(realtime.yield_under_overload(realtime.RealTime.AUTO))
     deadline = time.monotonic() + DEADLINE_S
     while not requested and time.monotonic() < deadline:  # nothing but work
         await asyncio.sleep(0)
     assert requested == [os.SCHED_OTHER]
     assert "it gives up real-time priority" in caplog.text
-    used_s = lambda: 0.0  # noqa: E731
+    clients.append("a controller (process 1)")  # a flood continues, but this one would starve the emulator
     while len(requested) < 2 and time.monotonic() < deadline:
-        await asyncio.sleep(0.02)
+        await asyncio.sleep(0)
     assert requested[1:] == [os.SCHED_FIFO | os.SCHED_RESET_ON_FORK]
+    clients.clear()
+    while len(requested) < 3 and time.monotonic() < deadline:
+        await asyncio.sleep(0)
+    used_s = lambda: 0.0  # noqa: E731
+    while len(requested) < 4 and time.monotonic() < deadline:
+        await asyncio.sleep(0.02)
+    assert requested[2:] == [os.SCHED_OTHER, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK]
     watching.cancel()
+
+
+async def test_a_priority_that_was_insisted_on_is_kept() -> None:
+    async with timeout(DEADLINE_S):
+        await realtime.yield_under_overload(realtime.RealTime.ON)  # has nothing to do
+
+
+@pytest.mark.skipif(not FIFO_ALLOWED, reason="only administrators may give a client real-time priority here")
+def test_real_time_clients_are_found() -> None:
+    client = """
+import os, socket, sys, threading
+port, policy = map(int, sys.argv[1:])
+peer = socket.create_connection(("127.0.0.1", port))
+def work():
+    os.sched_setscheduler(0, policy, os.sched_param(5 if policy else 0))
+    peer.send(b"!")
+    peer.recv(1)
+threading.Thread(target=work).start()
+"""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        for policy, expected in ((os.SCHED_OTHER, False), (os.SCHED_FIFO, True), (os.SCHED_RR, True)):
+            command = [sys.executable, "-c", client, str(server.getsockname()[1]), str(policy)]
+            with subprocess.Popen(command) as process:
+                connection, _ = server.accept()
+                connection.settimeout(DEADLINE_S)
+                assert connection.recv(1) == b"!"
+                found = realtime.real_time_clients()
+                assert any(f"(process {process.pid})" in one for one in found) is expected, (policy, found)
+                connection.close()  # the client ends
+        assert not any(f"(process {process.pid})" in one for one in realtime.real_time_clients())
 
 
 @pytest.mark.parametrize("mode", ["auto", "on", "off"])

@@ -4,6 +4,7 @@ import asyncio
 from typing import Any
 
 from client.controllers.robot import ControlledRobot
+from client.errors import StaleStateError
 from client.ros2.move_group.arm import Arm, RefusedError
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
@@ -20,9 +21,11 @@ class Monitor:
 
     def current_configuration(self) -> Joints:
         """The arm's current configuration. Raises RefusedError while the robot does not report it."""
-        if self._robot.driver.robot.feed.silent:
-            raise RefusedError("ROBOT_STATE_STALE", "the robot is silent, so the arm's configuration is unknown")
-        a, b, c, d, e, f = (float(q) for q in self._robot.driver.state["actual_q"])
+        try:
+            state = self._robot.driver.robot.feed.fresh()
+        except StaleStateError as error:
+            raise RefusedError("ROBOT_STATE_STALE", f"the arm's configuration is unknown: {error}") from None
+        a, b, c, d, e, f = (float(q) for q in state["actual_q"])
         return (a, b, c, d, e, f)
 
     def apply(self, message: Any) -> None:

@@ -1,0 +1,298 @@
+"""Checks the arguments of public calls before anything is sent: a value is refused where it was given.
+
+Parameters are named after their quantity and unit (``q_rad``, ``mass_kg``). `QUANTITIES` lists, by these names, how
+many numbers each has and within which range; the decorator `checked` looks up the parameters of every public method of
+a class. The ranges are wide: they catch degrees, millimetres and typing errors. What an arm can do, the robot judges.
+"""
+
+import collections.abc
+import inspect
+import math
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import wraps
+from types import NoneType, UnionType
+from typing import Any, Final, Literal, TypeVar, Union, cast, get_args, get_origin
+
+from urproto.errors import LocalProtocolError
+from urproto.external_control import TrajectoryPoint
+from urproto.text import quoted
+
+Check = Callable[[Any], object]
+Checked = TypeVar("Checked")
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_BY_NAME: Final = inspect.Parameter.KEYWORD_ONLY
+_ALL_OTHERS: Final = inspect.Parameter.VAR_POSITIONAL
+_POSITIVE: Final = math.ulp(0.0)
+_SENDABLE: Final = 2147.0  # External Control carries no larger numbers
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number, or ``size`` numbers, each from ``low`` to ``high``; a part of them may have another range.
+
+    name, unit: for messages. whole: no fractions. endless: infinity is permitted, too. rest: range from the fourth
+    number on, as of rotations.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    size: int = 0
+    whole: bool = False
+    endless: bool = False
+    rest: tuple[float, float] | None = None
+    _lows: tuple[float, ...] = field(init=False, repr=False)
+    _highs: tuple[float, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        first, rest = (self.low, self.high), self.rest or (self.low, self.high)
+        ranges = [first if index < 3 else rest for index in range(self.size)]
+        object.__setattr__(self, "_lows", tuple(low for low, _ in ranges))
+        object.__setattr__(self, "_highs", tuple(high for _, high in ranges))
+
+    def check(self, value: Any) -> None:
+        """Raise LocalProtocolError unless the value is of this quantity."""
+        try:
+            if self._all_fit(value) if self.size else self._fits(value):
+                return
+        except (TypeError, ValueError):  # not numbers; "abc" <= 1.0 is a TypeError
+            pass
+        raise LocalProtocolError(f"{self.describe()}, not {quoted(value)}")
+
+    def _fits(self, value: Any) -> bool:
+        if self.low <= value <= self.high:
+            return not self.whole or bool(value == int(value))
+        return self.endless and bool(value == math.inf)
+
+    def _all_fit(self, values: Any) -> bool:
+        if len(values) != self.size or type(values) is bytes:
+            return False
+        for number, low, high in zip(values, self._lows, self._highs, strict=False):  # called for every setpoint
+            if not low <= number <= high:
+                return False
+        return not self.whole or all(number == int(number) for number in values)
+
+    def describe(self) -> str:
+        """What values it has, as the beginning of a sentence."""
+        numbers = f"{self.size} numbers " if self.size else "a whole number " if self.whole else ""
+        rest = f" (the last three {_range(*self.rest)})" if self.rest else ""
+        return f"{self.name}: {numbers}{_range(self.low, self.high)} {self.unit}".rstrip() + rest
+
+
+def _six(name: str, unit: str, limit: float, rest: float | None = None) -> Quantity:
+    return Quantity(name, unit, -limit, limit, 6, rest=None if rest is None else (-rest, rest))
+
+
+# guess: all limits that are not those of a protocol, far beyond any arm
+_ANGLES: Final = _six("joint angles", "rad", 200.0 * math.pi)
+_SPEEDS: Final = _six("joint speeds", "rad/s", 20.0)
+_TORQUES: Final = _six("joint torques", "Nm", _SENDABLE)
+_POSE: Final = _six("a pose", "m and a rotation vector in rad", 10.0, 4.0 * math.pi)
+_VELOCITY: Final = _six("a velocity", "m/s and rad/s", 10.0, 20.0)
+_WRENCH: Final = _six("a wrench", "N and Nm", _SENDABLE)
+_DIRECTION: Final = _six("a direction", "", _SENDABLE)
+_AXES: Final = Quantity("axes", "(1 for each that is meant)", 0, 1, 6, whole=True)
+_SCALES: Final = Quantity("shares of the friction", "", 0.0, 1.0, 6)
+_POINT: Final = Quantity("a position", "m", -2.0, 2.0, 3)
+_SPEED: Final = Quantity("a speed", "rad/s or m/s", _POSITIVE, 20.0)
+_ACCELERATION: Final = Quantity("an acceleration", "rad/s2 or m/s2", _POSITIVE, _SENDABLE)
+_TIME: Final = Quantity("a time", "s", 0.0, 1e9, endless=True)
+_MASS: Final = Quantity("a mass", "kg", 0.0, 200.0)
+_WHOLE: Final = Quantity("a number", "", -(2**31), 2**31 - 1, whole=True)
+_FINITE: Final = Quantity("a number", "", -sys.float_info.max, sys.float_info.max)
+_PERIOD: Final = Quantity("a time", "s", _POSITIVE, 1e9, endless=True)
+_PORT: Final = Quantity("a port", "", 0, 65535, whole=True)
+_LOOKAHEAD: Final = Quantity("the lookahead time of servoj", "s", 0.03, 0.2)
+_VOLTS: Final = Quantity("a voltage", "V", 0.0, 24.0)
+_GAIN: Final = Quantity("the gain of servoj", "", 100.0, 2000.0)
+
+QUANTITIES: Final[Mapping[str, Quantity]] = {
+    "a": _ACCELERATION,
+    "acceleration": _ACCELERATION,
+    "acceleration_m_s2": _ACCELERATION,
+    "acceleration_rad_s2": _ACCELERATION,
+    "amperes": Quantity("an analog output", "A", 0.004, 0.020),
+    "arguments": _six("an argument", "", _SENDABLE),
+    "axes": _AXES,
+    "blend_radius_m": Quantity("a blend radius", "m", 0.0, 10.0),
+    "cog_m": _POINT,
+    "command_port": _PORT,
+    "coulomb": _SCALES,
+    "damping": Quantity("damping", "", 0.0, 1.0),
+    "deceleration_rad_s2": _ACCELERATION,
+    "direction_base": _DIRECTION,
+    "duration_s": _TIME,
+    "fraction": Quantity("the speed slider", "", 0.01, 1.0),
+    "frame_base": _POSE,
+    "frequency_hz": Quantity("states per second", "Hz", _POSITIVE, 1000.0),
+    "gain": _GAIN,
+    "gain_scaling": Quantity("gain scaling", "", 0.0, 2.0),
+    "gravity_m_s2": Quantity("gravity", "m/s2", -30.0, 30.0, 3),
+    "hang_s": _TIME,
+    "inertia_kg_m2": _six("an inertia", "kg m2", 200.0),
+    "keep_alive_s": _PERIOD,
+    "keep_alive_timeout_s": _PERIOD,
+    "kind": Quantity("the kind of force mode", "", 1, 3, whole=True),
+    "limits": Quantity("the limits of force mode", "m/s or m, rad/s or rad", 0.0, 20.0, 6),
+    "longest_s": _TIME,
+    "lookahead_s": _LOOKAHEAD,
+    "mass_kg": _MASS,
+    "max_age_s": _TIME,
+    "near_q_rad": _ANGLES,
+    "number": _WHOLE,
+    "offset_m": _POINT,
+    "pose_base_tcp": _POSE,
+    "pose_flange_tcp": _POSE,
+    "pose_from": _POSE,
+    "pose_from_to": _POSE,
+    "q_rad": _ANGLES,
+    "qd_rad_s": _SPEEDS,
+    "qdd_rad_s2": _six("joint accelerations", "rad/s2", _SENDABLE),
+    "reverse_port": _PORT,
+    "selection": _AXES,
+    "sender_port": _PORT,
+    "sensor_mass_kg": _MASS,
+    "servoj_gain": _GAIN,
+    "servoj_lookahead_s": _LOOKAHEAD,
+    "silence_s": _PERIOD,
+    "speed_m_s": _SPEED,
+    "speed_rad_s": _SPEED,
+    "start_timeout_s": _TIME,
+    "steps": Quantity("control periods", "", 0, 2**31 - 1, whole=True),
+    "task_frame_base": _POSE,
+    "tcp_offset": _POSE,
+    "timeout_s": _TIME,
+    "tool_voltage": _VOLTS,
+    "torque_Nm": _TORQUES,
+    "trajectory_port": _PORT,
+    "transition_time_s": Quantity("a transition time", "s", 0.0, _SENDABLE),
+    "v": _SPEED,
+    "velocity": _VELOCITY,
+    "velocity_base": _VELOCITY,
+    "via_base_tcp": _POSE,
+    "viscous": _SCALES,
+    "volts": _VOLTS,
+    "wrench": _WRENCH,
+}
+"""The quantity of each numeric parameter, by its name."""
+
+
+def checked(kind: type[Checked]) -> type[Checked]:
+    """Check the arguments of all public methods of a class. They raise LocalProtocolError before anything happens."""
+    for name, member in tuple(vars(kind).items()):
+        if name.startswith("_"):
+            continue
+        if isinstance(member, staticmethod):
+            setattr(kind, name, staticmethod(checked_call(member.__func__)))
+        elif inspect.isfunction(member):
+            setattr(kind, name, checked_call(member))
+    return kind
+
+
+def checked_call(function: Function) -> Function:
+    """Check the arguments of a function, plain or async; see `checked`."""
+    parameters = inspect.signature(function).parameters
+    checks = {name: check for name, one in parameters.items() if (check := check_of(one)) is not None}
+    if not checks:
+        return function
+    places = [
+        (index, one.kind, checks[one.name]) for index, one in enumerate(parameters.values()) if one.name in checks
+    ]
+    positional = [(index, check) for index, kind, check in places if kind not in (_BY_NAME, _ALL_OTHERS)]
+    others = [(index, check) for index, kind, check in places if kind is _ALL_OTHERS]
+
+    def check_all(args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
+        given = len(args)
+        for index, check in positional:
+            if index < given:
+                check(args[index])
+        for name in kwargs:
+            if name in checks:
+                checks[name](kwargs[name])
+        for index, check in others:
+            for value in args[index:]:
+                check(value)
+
+    if inspect.iscoroutinefunction(function):
+
+        @wraps(function)
+        async def call(*args: Any, **kwargs: Any) -> Any:
+            check_all(args, kwargs)
+            return await function(*args, **kwargs)
+
+        return cast(Function, call)
+
+    @wraps(function)
+    def call_plain(*args: Any, **kwargs: Any) -> Any:
+        check_all(args, kwargs)
+        return function(*args, **kwargs)
+
+    return cast(Function, call_plain)
+
+
+def check_fields(instance: Any) -> None:
+    """Check the fields of a dataclass. Raises LocalProtocolError."""
+    for one in fields(instance):
+        check = check_of(inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, annotation=one.type))
+        if check is not None:
+            check(getattr(instance, one.name))
+
+
+def check_of(parameter: inspect.Parameter) -> Check | None:
+    """The check of a parameter, from its name and annotation; None for objects that the function itself checks."""
+    kinds = _alternatives(parameter.annotation)
+    if parameter.kind is parameter.VAR_KEYWORD or Any in kinds:
+        return None
+    check = _check_of(parameter.name, [kind for kind in kinds if kind is not NoneType])
+    if check is None or NoneType not in kinds:
+        return check
+    return lambda value: value is None or check(value)
+
+
+def _check_of(name: str, kinds: Sequence[Any]) -> Check | None:
+    if name in QUANTITIES and kinds[0] is not str:
+        return QUANTITIES[name].check
+    if get_origin(kinds[0]) is Literal:
+        words = get_args(kinds[0])
+        return lambda value: _require(value in words, name, " or ".join(map(repr, words)), value)
+    if kinds == [bool]:
+        return lambda value: _require(isinstance(value, int | float) and value in (0, 1), name, "true or false", value)
+    if kinds in ([int], [float]):
+        return (_WHOLE if kinds == [int] else _FINITE).check
+    if get_origin(kinds[0]) is collections.abc.Callable:
+        return lambda value: _require(callable(value), name, "a function", value)
+    types = tuple(get_origin(kind) or kind for kind in kinds)
+    if all(isinstance(kind, type) and kind.__module__ not in ("collections.abc", "inspect") for kind in types):
+        text = " or ".join(kind.__name__ for kind in types)
+        return lambda value: _require(isinstance(value, types), name, f"of type {text}", value)
+    return None
+
+
+def points_of(moves: Iterable[TrajectoryPoint]) -> list[TrajectoryPoint]:
+    """The points of a trajectory. Raises LocalProtocolError if they are something else, or cannot be sent."""
+    try:
+        points = list(moves)
+    except TypeError:
+        raise LocalProtocolError(f"a trajectory has points of client.points, not {quoted(moves)}") from None
+    for point in points:
+        if not isinstance(point, TrajectoryPoint):
+            raise LocalProtocolError(f"a trajectory has points of client.points, not {quoted(point)}")
+        point.encode()
+    return points
+
+
+def _alternatives(annotation: Any) -> tuple[Any, ...]:
+    return get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+
+
+def _require(fits: Any, name: str, what: str, value: Any) -> None:
+    if not fits:
+        raise LocalProtocolError(f"{name} must be {what}, not {quoted(value)}")
+
+
+def _range(low: float, high: float) -> str:
+    return f"above 0 and up to {high:g}" if low == _POSITIVE else f"from {low:g} to {high:g}"
