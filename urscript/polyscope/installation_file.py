@@ -15,6 +15,7 @@ from urscript.polyscope.features import read_features
 from urscript.polyscope.numbers import number, numbers, six
 from urscript.polyscope.safety_configuration import SafetyConfiguration
 from urscript.polyscope.safety_section import SafetySettingsError, read_safety_settings
+from urscript.polyscope.folder import read_file
 from urscript.work import Steps, run_to_end
 
 _TYPES: Final = {"DIGITAL_INPUT": 0, "DIGITAL_OUTPUT": 1, "REGISTER_INPUT": 2, "REGISTER_OUTPUT": 3}  # as for scripts
@@ -68,6 +69,10 @@ def _value(element: Element, *names: str) -> str:
     return ""
 
 
+MAX_ELEMENTS: Final = 20_000
+"""Most elements of an installation, which is interpreted in one go. A guess: the largest public one has some thousand."""
+_ELEMENT_WORK: Final = 1
+_MAX_VARIABLES: Final = 1 << 20  # bytes of the installation variables, unpacked (guess)
 _ROOT: Final = "Installation"
 _GRAVITY: Final = 9.82  # m/s2; in every program PolyScope generates
 PIN_NAMES: Final = {  # element with the names -> kind of pin
@@ -169,14 +174,16 @@ def read_installation_steps(path: Path) -> Steps[InstallationFile]:
     Raises OSError or DocumentError.
     """
     beside = path.with_suffix(".variables")
-    variables = beside.read_bytes() if beside.is_file() else b""
-    root = yield from read_steps(path.read_bytes())
+    data = read_file(path)
+    variables = read_file(beside) if beside.is_file() else b""
+    root = yield from read_steps(data, MAX_ELEMENTS)
+    yield MAX_ELEMENTS * _ELEMENT_WORK
     return _installation(root, path.stem, variables)
 
 
 def read_installation(data: bytes, name: str, variables: bytes = b"") -> InstallationFile:
     """Parse the contents of an ``.installation`` and of its ``.variables``. Raises DocumentError."""
-    return _installation(read_document(data), name, variables)
+    return _installation(read_document(data, MAX_ELEMENTS), name, variables)
 
 
 def read_installation_document(root: Element, name: str, variables: bytes = b"") -> InstallationFile:
@@ -254,7 +261,7 @@ def read_variables(data: bytes) -> dict[str, str]:
     The file is XML since about PolyScope 5.10, and a Java properties file with one line per variable before. Other
     lines are skipped. Raises DocumentError.
     """
-    text = unpacked(data)
+    text = unpacked(data, _MAX_VARIABLES)
     if text.lstrip().startswith(b"<"):
         variables = (element for element in read_document(text).walk() if element.tag == "variable")
         return {element.get("name"): element.get("value") for element in variables if element.get("value")}
