@@ -146,9 +146,15 @@ def requests() -> Iterator[Case]:
         if operation.body is not None:
             (only, *_) = msgspec.structs.fields(operation.body)
             body = {only.name: getattr(only.type, "__args__", None) or "POWER_ON"}
-            body = {only.name: next(iter(only.type)).value if isinstance(only.type, type) and issubclass(only.type, str) and only.type is not str else "x"}
+            body = {
+                only.name: next(iter(only.type)).value
+                if isinstance(only.type, type) and issubclass(only.type, str) and only.type is not str
+                else "x"
+            }
         path = BASE + re.sub(r"\{.*\}", "x", place.path)
-        yield Case(f"robot api {place.method} {place.path}", http("robot api", message(place.method, path, body)), "10.12")
+        yield Case(
+            f"robot api {place.method} {place.path}", http("robot api", message(place.method, path, body)), "10.12"
+        )
     yield Case("dashboard: clients that leave", dashboard_and_leave("generate support file ."))
 
 

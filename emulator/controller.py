@@ -43,6 +43,7 @@ from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot, plausible
 from emulator.startup import Startup
+from emulator.workshare import WorkShare
 from emulator.world.world import Wiring, World
 from urproto.facts import Personality, Situation, find, known
 from urproto.modes import AnalogDomain, ReportLevel, RobotStatusBits, RuntimeState
@@ -85,6 +86,7 @@ class Controller(Machine):
         self.period_s = self.version.series.period_s
         self._frequency_hz = self.version.series.frequency_hz
         self.step_count = self._first_step = round(config.uptime_s * self._frequency_hz)
+        self.work = WorkShare(self.period_s)
         self.shutdown_requested = False
         self.execution_time_ms = 0.0  # duration of the last tick, set by the clock
         self.user_role = "NONE"

@@ -21,9 +21,9 @@ from emulator.controller import Controller
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import is_running
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.programs.compiling import in_periods
 from emulator.programs.loading import DRIVER_PROGRAMS
 from emulator.robot.installation import InstallationError
+from emulator.workshare import in_periods
 from urproto import dashboard as replies
 from urproto.facts import release_of
 from urproto.modes import RuntimeState, SafetyMode
@@ -134,7 +134,7 @@ def loading(controller: Controller, path: Path) -> Generator[None, None, None]:
     yield from _until(controller, RuntimeState.STOPPED)
     for _ in range(round(_LOAD_S / controller.period_s)):
         yield
-    yield from in_periods(controller.programs.load_steps(path), controller.period_s)
+    yield from in_periods(controller.programs.load_steps(path), controller.work)
 
 
 @command("play")

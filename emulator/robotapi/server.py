@@ -44,6 +44,7 @@ from urproto.robotapi import BASE, MAX_UPLOAD, OPENAPI, URCAPS
 _FORM: Final = "multipart/form-data"
 _FILE: Final = "file"
 _NOT_IMPLEMENTED: Final = 501
+_CALL_WORK: Final = 20  # [units of `urscript.work`], next to what HTTP costs
 _AT: Final = re.compile(r" - at `\$\.?([^`]*)`")
 _LOCAL_CONTROL: Final = "the robot is in local control: switch it to Remote Control on its pendant"
 
@@ -62,6 +63,8 @@ class RobotApiServer(PortServer):
 @dataclass(frozen=True, slots=True)
 class RobotApiCall(Command):
     """A request. Answer: status and content of the response."""
+
+    price = _CALL_WORK
 
     operation: Operation
     arguments: tuple[Any, ...]
