@@ -189,6 +189,11 @@ class Controller(Machine):
         """Queue a command for the next tick. ``reply`` is called with its answer, once."""
         self._mailbox.post(command, reply)
 
+    @property
+    def commands_waiting(self) -> int:
+        """Number of commands that are not answered yet."""
+        return len(self._mailbox)
+
     def subscribe(self, callback: Callable[[Snapshot], None]) -> Callable[[], None]:
         """Call back with every snapshot from now on; returns a function that ends the subscription."""
         self._subscribers.append(callback)

@@ -48,6 +48,9 @@ class Mailbox:
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
         self._reported = ReportedErrors()
 
+    def __len__(self) -> int:
+        return len(self._posted) + len(self._waiting)
+
     def post(self, command: Command, reply: Reply | None) -> None:
         """Queue a command. ``reply`` is called with its answer."""
         self._posted.append((command, reply))

@@ -231,6 +231,11 @@ class Programs:
         return waiting or self.state is not RuntimeState.STOPPED
 
     @property
+    def texts_waiting(self) -> int:
+        """Number of programs that are not compiled yet."""
+        return len(self._compiling.waiting)
+
+    @property
     def line(self) -> int:
         """Line of the main program being executed, 0 without a program."""
         return self._main.line if self._main else 0
