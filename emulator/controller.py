@@ -286,11 +286,6 @@ class Controller(Machine):
         self.installation.set_tcp(tcp_offset)
         self.motion.tcp_offset = tcp_offset
 
-    def load_installation(self, path: Path) -> None:
-        """Apply an installation file. Raises OSError or InstallationError; nothing has changed then."""
-        self.installation.load(path)
-        self._installation_changed()
-
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
         self.installation.apply(path, file)
         self._installation_changed()

@@ -29,6 +29,7 @@ from emulator.servers.http import (
 )
 from emulator.servers.port import PortServer, ServedController
 from urproto.cameras import CAMERAS, FORMS, POSE_HEADER, STREAM, TIME_HEADER, picture_path, pose_text
+from urproto.errors import RemoteProtocolError
 
 if TYPE_CHECKING:
     from emulator.physics.world import PhysicsWorld
@@ -160,6 +161,10 @@ class _CameraConnection(HttpConnection):
         if form != STREAM and form not in FORMS:
             raise HttpError(NOT_FOUND, f"a camera does not serve {form}; it serves: {', '.join((STREAM, *FORMS))}")
         return name, form
+
+    def too_far_ahead(self) -> None:
+        """A viewer of a stream may send its next request, but no more than that: its end would not be noticed."""
+        raise RemoteProtocolError("it sent many requests while it was being sent pictures")
 
     def opened(self) -> None:
         assert self._transport is not None

@@ -2,8 +2,8 @@
 
 A server says which methods it serves at a path, and how a request is answered. Everything that is the same for all of
 them is done here: HEAD and OPTIONS, other methods, limits, requests that h11 rejects, and the headers that tell a
-browser to treat an answer as nothing but data. A request begins only when the read budget permits it, also if it arrived
-together with others; those that are waiting when the client disconnects are dropped.
+browser to treat an answer as nothing but data. A request begins only when the read budget permits it, also if it
+arrived together with others; those that are waiting when the client disconnects are dropped.
 
 ``check_host`` and ``check_type`` keep web pages out. A web site whose name was made to resolve to this machine (DNS
 rebinding) sends that name as the Host, which is not an address. For a page that sends JSON to another site, a browser
@@ -163,7 +163,11 @@ class HttpConnection(Connection):
         if self._http.their_state is not h11.ERROR:
             self._http.receive_data(data)
         if len(self._http.trailing_data[0]) > _MAX_AHEAD:
-            self.read_on(False)
+            self.too_far_ahead()
+
+    def too_far_ahead(self) -> None:
+        """Called when a client has sent many further requests: the rest waits in the system's buffers."""
+        self.read_on(False)
 
     def at_end(self) -> bool:
         """A client that closes its sending side no longer waits for an answer."""
