@@ -18,7 +18,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 
 import msgspec
@@ -28,7 +27,7 @@ from emulator.commands.dashboard import COMMANDS
 from emulator.control.control import LiveControl
 from emulator.control.verbs import Verb, verbs_of
 from emulator.robotapi.endpoints import OPERATIONS
-from urproto.robotapi import BASE
+from urproto.robotapi import BASE, PUT_PROGRAM_STATE, PUT_STATE
 from urproto.testing.process import EmulatorProcess
 
 COUNT = 1000
@@ -59,6 +58,7 @@ VALUES: dict[str, object] = {
     "line": "robotmode",
     "data": "",
 }
+BODIES = {PUT_STATE: "POWER_ON", PUT_PROGRAM_STATE: "stop"}
 OF_TYPE: dict[object, object] = {int: 1, float: 0.5, bool: True, str: "x", list[int]: [1], list[float]: [0.0] * 6}
 
 
@@ -143,10 +143,10 @@ def requests() -> Iterator[Case]:
         yield Case(f"control GET {path}", http("control", message("GET", path)))
     for operation in OPERATIONS:
         place = operation.endpoint
-        body: object = None
+        body = None
         if operation.body is not None:
             (only, *_) = msgspec.structs.fields(operation.body)
-            body = {only.name: next(iter(only.type)).value if issubclass(only.type, Enum) else "x"}
+            body = {only.name: BODIES.get(place, "x")}
         path = BASE + re.sub(r"\{.*\}", "x", place.path)
         yield Case(
             f"robot api {place.method} {place.path}", http("robot api", message(place.method, path, body)), "10.12"
@@ -196,7 +196,7 @@ def files(folder: Path) -> None:
         "attribute_bytes.urp": gzip.compress(_program("", f' a="{"x" * 15_000_000}"')),
         "late_elements.urp": gzip.compress(_program("<Wait/>" * 130_000, f' a="{"x" * 900_000}"')),
         "text.urp": gzip.compress(_program(f"<Wait>{'x' * 15_000_000}</Wait>")),
-        "bomb.urp": gzip.compress(b"<URProgram>" + b" " * 1_000_000_000),
+        "bomb.urp": gzip.compress(b"<URProgram>" + b" " * 100_000_000),
         "beside.urp": gzip.compress(_program("<Nothing/>")),
         "beside.script": b"x = 1\n" * 3_000_000,
         "lines.script": b"x = 1\n" * 3_500_000,

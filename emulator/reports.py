@@ -5,6 +5,7 @@ each kind are kept. Their contents are the emulator's own. The name of a support
 flight reports, come from the e-Series dashboard manual.
 """
 
+import os
 import tempfile
 import zipfile
 from calendar import isleap, monthrange
@@ -45,8 +46,8 @@ def write_flight_report(machine: Machine, kind: str) -> str:
 def write_support_file(machine: Machine, directory: str) -> Steps[Path]:
     """Write log, state, all flight and crash reports to a zip file, after creating a new flight report of the system.
 
-    In steps, because it takes many control periods; one file a second, since it is named after the second. Raises
-    ValueError for a directory outside the programs directory, OSError.
+    In steps, because it takes many control periods. Raises ValueError for a directory outside the programs directory,
+    OSError.
     """
     root = _directory(machine)
     target = (root / strip(directory).lstrip("/")).resolve()
@@ -56,19 +57,21 @@ def write_support_file(machine: Machine, directory: str) -> Steps[Path]:
     write_flight_report(machine, "system")
     _rotate(target, f"{_SUPPORT}{machine.serial_number}_*.zip")
     path = target / f"{_SUPPORT}{machine.serial_number}_{_date_and_time(machine.wall_clock_ns // 1_000_000_000)}.zip"
-    if path.exists():
-        raise FileExistsError(f"{path.name} was written in this second: wait for the next one")
+    handle, name = tempfile.mkstemp(dir=target, prefix=f".{path.name}.")  # two clients may want one in the same second
+    os.close(handle)
+    draft = Path(name)
     try:
-        yield from _write_archive(machine, path)
-    except BaseException:  # also if nobody continues
-        path.unlink(missing_ok=True)
-        raise
+        yield from _write_archive(machine, draft)
+        draft.chmod(0o644)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
     return path
 
 
 def _write_archive(machine: Machine, path: Path) -> Steps[None]:
     root = _directory(machine)
-    with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         yield from _add(archive, "log_history.txt", readable(_log(machine)).encode())
         yield from _add(archive, "state.txt", readable(_summary(machine)).encode())
         for report in sorted((*root.glob(f"{_FLIGHT_REPORT}*.txt"), *root.glob(f"{_CRASH}*.zip"))):

@@ -26,8 +26,8 @@ class Job(Generic[ResultT]):
     def __init__(self, steps: Steps[ResultT]) -> None:
         self.steps = steps
         self.price = 0  # cost of the next step
-        self.credit = 0  # what it may spend in this period
-        self.period = -1  # for which it got the credit
+        self.part = self.credit = 0  # of the period: all that it got, and what it may still spend
+        self.period = -1  # for which it got its part
         self.result: ResultT | None = None
 
 
@@ -35,9 +35,10 @@ class WorkShare:
     """The budget of a robot. used: units spent since the start. deferred: how often work had to wait for a period."""
 
     def __init__(self, period_s: float) -> None:
-        self._share = self._left = self._each = round(WORK_PER_SECOND * period_s)
+        self._share = self._left = round(WORK_PER_SECOND * period_s)
         self._for_commands = self._share // 2
         self._unfinished: set[Job[object]] = set()
+        self._expected = 0  # jobs that have not had their turn in this period, of those that the last one left over
         self._period = 0
         self.used = self.deferred = 0
 
@@ -46,7 +47,7 @@ class WorkShare:
         self._period += 1
         self._left = min(self._share, self._left + self._share)
         self._for_commands = min(self._share // 2, self._for_commands + self._share // 2)
-        self._each = self._share // max(1, len(self._unfinished))
+        self._expected = len(self._unfinished)
         self._unfinished.clear()
 
     def take(self, price: int) -> bool:
@@ -64,8 +65,10 @@ class WorkShare:
         A step larger than the job's part of a period is done at its beginning, and no work in the following ones.
         """
         if job.period != self._period:
-            job.period, job.credit = self._period, min(self._each, job.credit + self._each)
-        while self._left > 0 and (job.price <= job.credit or job.credit == self._each):
+            job.period, job.part = self._period, max(0, self._left) // max(1, self._expected)
+            job.credit = min(job.part, job.credit + job.part)
+            self._expected -= 1
+        while self._left > 0 and (job.price <= job.credit or job.credit == job.part):
             self._spend(job.price)
             job.credit -= job.price
             try:

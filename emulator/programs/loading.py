@@ -7,7 +7,7 @@ from typing import Final
 
 from emulator.builtins.host import ProgramServices
 from emulator.machine import Machine
-from emulator.programs.compiling import LIBRARY_SET, Submission
+from emulator.programs.compiling import LIBRARY_SET, Submission, gc_paused
 from emulator.services.urcap import ProgramRequest
 from urproto.versions import PolyscopeVersion
 from urscript.compiler import CompiledProgram, compile_steps
@@ -99,7 +99,10 @@ class Player:
         folder. Raises ProgramLoadError or OSError; the program loaded before then remains.
         """
         machine = self._machine
-        loaded = yield from load_steps(path, machine.config.programs_dir, machine.installation.file, machine.version)
+        with gc_paused():
+            loaded = yield from load_steps(
+                path, machine.config.programs_dir, machine.installation.file, machine.version
+            )
         if by_default and self.loaded is not None:
             return
         for note in loaded.notes:

@@ -172,7 +172,8 @@ def test_installation_file_sets_tcp_and_payload(tmp_path, element):
         f"</availablePoses></{element}></Installation>"
     )
     installation = Installation()
-    installation.load(installation_file(tmp_path / "cell.installation", body))
+    path = installation_file(tmp_path / "cell.installation", body)
+    installation.apply(path, load_installation_file(path))
     assert installation.name == "cell.installation"
     assert installation.tcp == (0.0, 0.0, 0.1, 0.0, 0.0, 1.5)
     assert installation.payload.mass == 1.5
