@@ -42,6 +42,7 @@ _HEADERS: Final = {
 }
 """Headers of every answer, unless the server sets them."""
 
+_LAST: Final = {"Connection": "close"}
 _DATE: Final = "%a, %d %b %Y %H:%M:%S GMT"
 _ABSOLUTE: Final = ("http://", "https://")
 _MAX_CHUNKS: Final = 4096  # of a body (guess): clients send some kB in each
@@ -191,7 +192,7 @@ class HttpConnection(Connection):
                 self._handle(event)
             except (h11.RemoteProtocolError, HttpError) as error:
                 status = error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else error.status
-                self._send(self.refuse(HttpError(status, str(error))))
+                self._send(self.refuse(HttpError(status, str(error), _LAST)))
                 self.hang_up()
                 return
             if isinstance(event, h11.EndOfMessage):
@@ -220,10 +221,9 @@ class HttpConnection(Connection):
             if len(self._body) <= self.max_body:
                 self._body += event.data
         elif isinstance(event, h11.EndOfMessage):
-            self._waiting = True
             response = self._outcome(self._answer)
+            self._waiting = response is None
             if response is not None:
-                self._waiting = False
                 self._send(response)
 
     def _answer(self) -> Response | None:
