@@ -85,7 +85,7 @@ class Emulator:
         self.control = LiveControl(self.controller, real or ManualPace(), self.servers, self.faults)
         if config.control:
             self.servers["control"] = ControlServer(
-                self.controller, self.control, lambda: metrics(self), config.control_token
+                self.controller, self.control, config.control_token, lambda: metrics(self)
             )
             self.servers["control"].limits = config.client_limits
             self.servers["control"].read_budget = self.read_budget

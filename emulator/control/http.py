@@ -62,7 +62,7 @@ def _listing() -> bytes:
     return as_json(listing(_VERBS))
 
 
-_PAGES: Final = {"/openapi.json": _openapi, "/verbs": _listing, _METRICS: bytes}
+_PAGES: Final[Mapping[str, Callable[[], bytes]]] = {"/openapi.json": _openapi, "/verbs": _listing, _METRICS: bytes}
 
 _logger = logging.getLogger(__name__)
 
@@ -74,7 +74,11 @@ class ControlServer(PortServer):
     """
 
     def __init__(
-        self, controller: ServedController, control: LiveControl, metrics: Callable[[], bytes], token: str = ""
+        self,
+        controller: ServedController,
+        control: LiveControl,
+        token: str = "",
+        metrics: Callable[[], bytes] = bytes,
     ) -> None:
         super().__init__("control", controller)
         self.control = control
