@@ -380,7 +380,7 @@ class Connection(asyncio.BufferedProtocol):
         began_s = time.thread_time()
         with suppress(OSError):
             for _ in range(_MAX_REST // _READ_BYTES):
-                if not (data := os.read(own.fileno(), _READ_BYTES)):
+                if not self._wants_reading or not (data := os.read(own.fileno(), _READ_BYTES)):
                     break
                 self._arrived(data)
         self.server.read_budget.spent(self, time.thread_time() - began_s)
