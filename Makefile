@@ -13,7 +13,7 @@ JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # processes, and half of the time of each would go into compiling what the one before compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help emulator test long pages mutants soak chaos fuzz cluster check wheel-check benchmarks docs site constraints clean
+.PHONY: help emulator test long pages mutants soak bounded chaos fuzz cluster check wheel-check benchmarks docs site constraints clean
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -51,6 +51,9 @@ soak: $(VENV)/.dev ## thousands of random programs and hostile robots, an hour
 		tests/ros2/test_hostile_robots.py
 
 # What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.
+bounded: $(VENV)/.dev ## every command, verb, request and hostile file, against a bare loop: an hour
+	$(BIN)/python benchmarks/bounded.py $(ARGS)
+
 chaos: $(VENV)/.dev ## accidents and enemies, against bars: a quarter of an hour
 	$(BIN)/python benchmarks/chaos.py $(ARGS)
 

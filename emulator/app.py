@@ -14,10 +14,11 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, cast
 
-from emulator.clock import Clock, RealClock
+from emulator.clock import Clock, ClockStatistics, RealClock
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.control.control import LiveControl
 from emulator.control.http import ControlServer
+from emulator.control.metrics import metrics
 from emulator.control.timing import ManualPace
 from emulator.controller import Controller
 from emulator.devices.tool_line import SerialDevice
@@ -72,19 +73,22 @@ class Emulator:
         self.controller = Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, PortServer] = {}
-        self._read_budget = ReadBudget(self.controller.period_s)
+        self.read_budget = ReadBudget(self.controller.period_s)
         self._send_scheduler = SendScheduler(self.controller.period_s, STATES_PER_SECOND)
         self._rtde_scheduler = SendScheduler(self.controller.period_s)  # control loops don't wait for viewers
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None
         self._scripts = ScriptPort(lambda: self.controller.snapshot.timestamp)
-        self._scripts.read_budget = self._read_budget
+        self._scripts.read_budget = self.read_budget
         ports = ChainMap[str, PortServer]({self._scripts.name: self._scripts}, self.servers)
         self.faults = FaultInjector(self.controller, ports, real, self)
         self.control = LiveControl(self.controller, real or ManualPace(), self.servers, self.faults)
         if config.control:
-            self.servers["control"] = ControlServer(self.controller, self.control, config.control_token)
+            self.servers["control"] = ControlServer(
+                self.controller, self.control, config.control_token, lambda: metrics(self)
+            )
             self.servers["control"].limits = config.client_limits
+            self.servers["control"].read_budget = self.read_budget
         self.stopped = asyncio.Event()
         self.tool_device = ""
         self.port_fallbacks: dict[str, str] = {}
@@ -99,6 +103,11 @@ class Emulator:
     def ports(self) -> dict[str, int]:
         """The port each server listens on, by its name."""
         return {name: server.port for name, server in self.servers.items()}
+
+    @property
+    def statistics(self) -> ClockStatistics | None:
+        """How punctual the clock is; None unless it is one of real time."""
+        return self.clock.statistics if isinstance(self.clock, RealClock) else None
 
     def stop(self) -> None:
         """Set ``stopped``."""
@@ -142,7 +151,7 @@ class Emulator:
         wanted = self.config.wanted_ports
         for server in make_servers(self.controller, tool_line="tool line" in wanted, cameras="cameras" in wanted):
             server.limits = self.config.client_limits
-            server.read_budget = self._read_budget
+            server.read_budget = self.read_budget
             server.send_scheduler = self._rtde_scheduler if isinstance(server, RTDEServer) else self._send_scheduler
             if server.name in self.servers:
                 server.take_over(self.servers[server.name])

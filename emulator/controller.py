@@ -43,6 +43,7 @@ from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot, plausible
 from emulator.startup import Startup
+from emulator.workshare import WorkShare
 from emulator.world.world import Wiring, World
 from urproto.facts import Personality, Situation, find, known
 from urproto.modes import AnalogDomain, ReportLevel, RobotStatusBits, RuntimeState
@@ -85,6 +86,7 @@ class Controller(Machine):
         self.period_s = self.version.series.period_s
         self._frequency_hz = self.version.series.frequency_hz
         self.step_count = self._first_step = round(config.uptime_s * self._frequency_hz)
+        self.work = WorkShare(self.period_s)
         self.shutdown_requested = False
         self.execution_time_ms = 0.0  # duration of the last tick, set by the clock
         self.user_role = "NONE"
@@ -187,6 +189,11 @@ class Controller(Machine):
         """Queue a command for the next tick. ``reply`` is called with its answer, once."""
         self._mailbox.post(command, reply)
 
+    @property
+    def commands_waiting(self) -> int:
+        """Number of commands that are not answered yet."""
+        return len(self._mailbox)
+
     def subscribe(self, callback: Callable[[Snapshot], None]) -> Callable[[], None]:
         """Call back with every snapshot from now on; returns a function that ends the subscription."""
         self._subscribers.append(callback)
@@ -278,11 +285,6 @@ class Controller(Machine):
     def set_tcp(self, tcp_offset: Pose) -> None:
         self.installation.set_tcp(tcp_offset)
         self.motion.tcp_offset = tcp_offset
-
-    def load_installation(self, path: Path) -> None:
-        """Apply an installation file. Raises OSError or InstallationError; nothing has changed then."""
-        self.installation.load(path)
-        self._installation_changed()
 
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
         self.installation.apply(path, file)

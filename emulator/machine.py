@@ -27,6 +27,7 @@ from emulator.services.freedrive_inputs import FreedriveInputs
 from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot
+from emulator.workshare import WorkShare
 from emulator.world.world import Plan
 from urproto.facts import Personality, Situation, find, release_of
 from urproto.modes import RuntimeState
@@ -140,6 +141,8 @@ class Machine(ABC):
     """Control periods since the controller was switched on."""
     snapshot: Snapshot
     """The snapshot published last."""
+    work: WorkShare
+    """The budget for work that others cause."""
 
     messages: MessageLog
     popups: Popups

@@ -1,6 +1,7 @@
 """Queue of commands posted to a controller: each waits for the next tick and is applied there, in order.
 
-A command's ``apply`` returns its answer immediately, or is a generator that yields once for
+Commands from the ports are paid for from the budget of the period (`emulator.workshare`), in the order in which they
+arrived. A command's ``apply`` returns its answer immediately, or is a generator that yields once for
 every control period it waits and returns the answer. ``failure`` is the answer if applying
 it raised an exception.
 """
@@ -8,7 +9,7 @@ it raised an exception.
 import logging
 from collections import deque
 from collections.abc import Callable, Generator
-from typing import Any
+from typing import Any, ClassVar
 
 from emulator.logs import ReportedErrors
 from emulator.machine import Machine
@@ -20,7 +21,13 @@ _logger = logging.getLogger(__name__)
 
 
 class Command:
-    """Base of everything that can be posted to the controller."""
+    """Base of everything that can be posted to the controller.
+
+    price: its cost [units of `urscript.work`], which is paid before it is applied; it waits for a period that can
+    afford it. The commands of control loops and of this process cost nothing, and never wait.
+    """
+
+    price: ClassVar[int] = 0
 
     def apply(self, controller: Any) -> Any:
         """Apply the command to an `emulator.controller.Controller`; returns the answer, or a generator that does."""
@@ -41,6 +48,9 @@ class Mailbox:
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
         self._reported = ReportedErrors()
 
+    def __len__(self) -> int:
+        return len(self._posted) + len(self._waiting)
+
     def post(self, command: Command, reply: Reply | None) -> None:
         """Queue a command. ``reply`` is called with its answer."""
         self._posted.append((command, reply))
@@ -52,8 +62,12 @@ class Mailbox:
         waiting, self._waiting = self._waiting, []
         for frames, command, reply in waiting:
             self._continue(frames, command, reply)
+        deferred: list[tuple[Command, Reply | None]] = []
         for _ in range(len(self._posted)):
             command, reply = self._posted.popleft()
+            if not self._machine.work.take(command.price):
+                deferred.append((command, reply))
+                continue
             try:
                 answer = command.apply(self._machine)
             except Exception as error:
@@ -63,6 +77,7 @@ class Mailbox:
                 self._continue(answer, command, reply)
             else:
                 self._answer(command, reply, answer)
+        self._posted.extendleft(reversed(deferred))
 
     def _continue(self, frames: _Waiting, command: Command, reply: Reply | None) -> None:
         try:

@@ -1,10 +1,11 @@
 """Report files: the log, flight reports, support files, and crash reports of the emulator.
 
-They are written to the programs directory, or without one to a temporary folder, which the log names. Their contents
-are the emulator's own. The name of a support file, and the fact that it contains all flight reports, come from the
-e-Series dashboard manual.
+They are written to the programs directory, or without one to a temporary folder, which the log names; the newest 20 of
+each kind are kept. Their contents are the emulator's own. The name of a support file, and the fact that it contains all
+flight reports, come from the e-Series dashboard manual.
 """
 
+import os
 import tempfile
 import zipfile
 from calendar import isleap, monthrange
@@ -13,10 +14,16 @@ from typing import Final
 
 from emulator.machine import Machine
 from urproto.text import READABLE, readable, strip, to_bytes, unknown
+from urscript.work import Steps
 
 _FLIGHT_REPORTS: Final = ("controller", "software", "system")
 _FLIGHT_REPORT: Final = "flightreport_"  # followed by its id: beginning of a file name
 _CRASH: Final = "crash_"  # likewise
+_SUPPORT: Final = "ur_"  # likewise, followed by the serial number
+_KEPT: Final = 20  # of each kind, and in each folder (guess)
+_PIECE: Final = 16 * 1024  # bytes that are compressed in one step
+_BYTES_PER_WORK: Final = 20  # measured: 40 to 60 ns for a byte of a log
+_FILE_WORK: Final = 300  # for creating or deleting a file (guess)
 
 
 def write_log(machine: Machine) -> Path:
@@ -30,28 +37,62 @@ def write_flight_report(machine: Machine, kind: str) -> str:
     """Write a report and return its id. Raises ValueError for an unknown kind, OSError."""
     if kind.lower() not in _FLIGHT_REPORTS:
         raise ValueError(unknown("report", kind, _FLIGHT_REPORTS))
+    _rotate(_directory(machine), f"{_FLIGHT_REPORT}*.txt")
     report_id = f"{machine.serial_number}_{machine.step_count}_{kind.lower()}"
     (_directory(machine) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(machine), "utf-8", READABLE)
     return report_id
 
 
-def write_support_file(machine: Machine, directory: str) -> Path:
+def write_support_file(machine: Machine, directory: str) -> Steps[Path]:
     """Write log, state, all flight and crash reports to a zip file, after creating a new flight report of the system.
 
-    Raises ValueError for a directory outside the programs directory, OSError.
+    In steps, because it takes many control periods. Raises ValueError for a directory outside the programs directory,
+    OSError.
     """
     root = _directory(machine)
     target = (root / strip(directory).lstrip("/")).resolve()
     if not target.is_relative_to(root.resolve()) or not target.is_dir():
         raise ValueError(f"{directory!r} is not a directory below the programs directory")
+    yield 2 * _FILE_WORK
     write_flight_report(machine, "system")
-    path = target / f"ur_{machine.serial_number}_{_date_and_time(machine.wall_clock_ns // 1_000_000_000)}.zip"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("log_history.txt", readable(_log(machine)))
-        archive.writestr("state.txt", readable(_summary(machine)))
-        for report in sorted((*root.glob(f"{_FLIGHT_REPORT}*.txt"), *root.glob(f"{_CRASH}*.zip"))):
-            archive.write(report, readable(report.name))
+    _rotate(target, f"{_SUPPORT}{machine.serial_number}_*.zip")
+    path = target / f"{_SUPPORT}{machine.serial_number}_{_date_and_time(machine.wall_clock_ns // 1_000_000_000)}.zip"
+    handle, name = tempfile.mkstemp(dir=target, prefix=f".{path.name}.")  # two clients may want one in the same second
+    os.close(handle)
+    draft = Path(name)
+    try:
+        yield from _write_archive(machine, draft)
+        draft.chmod(0o644)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
     return path
+
+
+def _write_archive(machine: Machine, path: Path) -> Steps[None]:
+    root = _directory(machine)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        yield from _add(archive, "log_history.txt", readable(_log(machine)).encode())
+        yield from _add(archive, "state.txt", readable(_summary(machine)).encode())
+        for report in sorted((*root.glob(f"{_FLIGHT_REPORT}*.txt"), *root.glob(f"{_CRASH}*.zip"))):
+            yield _FILE_WORK
+            yield from _add(archive, readable(report.name), report.read_bytes())
+
+
+def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> Steps[None]:
+    """Compress a file in pieces that each take about a millisecond."""
+    pieces = [content[start : start + _PIECE] for start in range(0, len(content), _PIECE)]
+    with archive.open(name, "w") as file:
+        for piece in pieces:
+            yield len(piece) // _BYTES_PER_WORK
+            file.write(piece)
+
+
+def _rotate(folder: Path, pattern: str) -> None:
+    """Delete the oldest files of a kind, so that there is room for another one. Raises OSError."""
+    files = sorted(folder.glob(pattern), key=lambda file: file.stat().st_mtime_ns)
+    for file in files[: max(0, len(files) + 1 - _KEPT)]:
+        file.unlink()
 
 
 def write_crash(machine: Machine, source: str | None, stage: str, trace: str) -> Path:
@@ -62,6 +103,7 @@ def write_crash(machine: Machine, source: str | None, stage: str, trace: str) ->
     config = machine.config
     arm = f"dynamic arm, seed {config.seed}" if config.dynamic else "ideal arm"
     about = f"{_head(machine)}{arm}\nuptime {machine.time_s:.3f} s, control period {machine.step_count}\n"
+    _rotate(_directory(machine), f"{_CRASH}*.zip")
     path = _directory(machine) / f"{_CRASH}{machine.serial_number}_{machine.step_count}.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("traceback.txt", readable(f"while {stage}\n{trace}"))

@@ -12,9 +12,9 @@ from typing import Final
 from emulator.io.signals import BIT_COUNT
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.machine import Machine
-from emulator.programs.compiling import in_periods
 from emulator.programs.loading import DEFAULT_URPX
 from emulator.programs.runner import Programs
+from emulator.workshare import in_periods
 from urproto.modes import RuntimeState
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urscript.polyscope.folder import ProgramsFolder
@@ -43,7 +43,7 @@ class Startup:
         self._path: Path | None = None  # of the default program
         self._boot: Generator[None, None, None] | None = None
         if machine.power.state is PowerState.CONTROLLER_BOOTING:
-            self._boot = in_periods(self._boot_steps(), machine.period_s)
+            self._boot = in_periods(self._boot_steps(), machine.work)
         else:
             run_to_end(self._boot_steps())
 

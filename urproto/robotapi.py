@@ -30,7 +30,7 @@ PROGRAM_LOADED: Final = "Program loaded successfully"
 """Message of a load (quoted in issue 551 of the official C++ client)."""
 DEFAULT_PROGRAM: Final = "Default program"
 """The program that is loaded after power-up; it always exists."""
-MAX_UPLOAD: Final = 4 * 1024 * 1024
+MAX_UPLOAD: Final = 1024 * 1024 + 64 * 1024
 """Maximum size of a request's body [bytes] (guess); programs in public repositories have some 100 kB."""
 
 Method = Literal["GET", "PUT", "POST"]

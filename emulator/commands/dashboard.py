@@ -21,15 +21,16 @@ from emulator.controller import Controller
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import is_running
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.programs.compiling import in_periods
 from emulator.programs.loading import DRIVER_PROGRAMS
-from emulator.robot.installation import InstallationError
+from emulator.workshare import in_periods
 from urproto import dashboard as replies
 from urproto.facts import release_of
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.text import lower, strip
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.installation_file import read_installation_steps
+from urscript.work import Steps
 
 _Waiting = Generator[None, None, str]
 _Answer = str | _Waiting
@@ -40,6 +41,7 @@ _SHOWN_ROOT: Final = "/programs"
 # the machine is slow (an issue of the ROS 2 driver tells of one). How long it takes is a guess.
 _LOAD_S: Final = 0.6
 _MAX_WORDS: Final = 4  # of a command's name
+_REPORT_WORK: Final = 1000  # [units of `urscript.work`]; measured: a millisecond
 _START_WITHIN_S: Final = 0.1  # then it counts as started: one shorter than a period never seems to play (guess)
 
 
@@ -134,7 +136,7 @@ def loading(controller: Controller, path: Path) -> Generator[None, None, None]:
     yield from _until(controller, RuntimeState.STOPPED)
     for _ in range(round(_LOAD_S / controller.period_s)):
         yield
-    yield from in_periods(controller.programs.load_steps(path), controller.period_s)
+    yield from in_periods(controller.programs.load_steps(path), controller.work)
 
 
 @command("play")
@@ -220,16 +222,18 @@ def program_state_word(controller: Controller) -> Literal["STOPPED", "PLAYING", 
 
 
 @command("load installation")
-def load_installation(controller: Controller, name: str) -> str:
+def load_installation(controller: Controller, name: str) -> _Waiting:
     """Load TCP and payload from an installation file in the programs directory."""
     path = _existing(controller, name)
     if path is None:
         return f"File not found: {name}"
     try:
-        controller.load_installation(path)
-    except (OSError, InstallationError) as error:
+        file = yield from in_periods(read_installation_steps(path), controller.work)
+    except (OSError, ValueError) as error:
         controller.messages.note(f"loading {name} failed: {error}")
         return f"Failed to load installation: {name}"
+    assert file is not None, "the work is done"
+    controller.apply_installation(path, file)
     return f"Loading installation: {_as_named(controller, path, name)}"
 
 
@@ -396,32 +400,37 @@ def get_robot_model(controller: Controller) -> str:
 
 
 @command("generate flight report")
-def generate_flight_report(controller: Controller, kind: str) -> str:
+def generate_flight_report(controller: Controller, kind: str) -> _Waiting:
     """Write a flight report (controller, software or system, the default) to the programs directory."""
-    return _written(
-        "generate flight report",
-        lambda: f"Flight Report generated with id: {reports.write_flight_report(controller, kind or 'system')}",
-    )
+
+    def report() -> Steps[str]:
+        yield _REPORT_WORK
+        return f"Flight Report generated with id: {reports.write_flight_report(controller, kind or 'system')}"
+
+    return _written(controller, "generate flight report", report())
 
 
 @command("generate support file")
-def generate_support_file(controller: Controller, directory: str) -> str:
+def generate_support_file(controller: Controller, directory: str) -> _Waiting:
     """Write log, state and all flight reports, including a new one, to a zip file in the programs directory."""
-    return _written(
-        "generate support file",
-        lambda: f"Completed successfully: {reports.write_support_file(controller, directory).name}",
-    )
+
+    def report() -> Steps[str]:
+        path = yield from reports.write_support_file(controller, directory)
+        return f"Completed successfully: {path.name}"
+
+    return _written(controller, "generate support file", report())
 
 
 @command("saveLog")
-def save_log(controller: Controller) -> str:
+def save_log(controller: Controller) -> _Waiting:
     """Write the log to the programs directory."""
 
-    def save() -> str:
+    def save() -> Steps[str]:
+        yield _REPORT_WORK
         reports.write_log(controller)
         return replies.LOG_SAVED
 
-    return _written("save log", save)
+    return _written(controller, "save log", save())
 
 
 @command("shutdown")
@@ -441,12 +450,13 @@ def disconnect(controller: Controller) -> str:
 # Helpers
 
 
-def _written(action: str, write: Callable[[], str]) -> str:
-    """The reply of a function that writes a file, or why it failed."""
+def _written(controller: Controller, action: str, steps: Steps[str]) -> _Waiting:
+    """The reply of work that writes a file, or why it failed."""
     try:
-        return write()
+        reply = yield from in_periods(steps, controller.work)
     except (OSError, ValueError) as error:
         return f"Failed to {action}: {error}"
+    return reply or ""
 
 
 def _until(controller: Controller, state: RuntimeState) -> Generator[None, None, None]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from emulator.commands import dashboard, text_commands
 from emulator.controller import Controller
@@ -18,6 +18,9 @@ from urproto.modbus import ExceptionCode, exception_response
 from urproto.robotiq import Request as GripperRequest
 from urproto.text import strip
 
+_TEXT_WORK: Final = 20  # measured: 10 to 40 microseconds
+_LINE_WORK: Final = 10
+_REGISTERS_WORK: Final = 5
 _SHOWN = 60  # characters of a refused script in the log
 
 
@@ -27,6 +30,8 @@ class DashboardLine(Command):
 
     ``restricted``: the connection was opened while the arm was in local control.
     """
+
+    price = _TEXT_WORK
 
     text: str
     restricted: bool = False
@@ -47,6 +52,8 @@ class ScriptUnit(Command):
     ``origin``: who sent it, for the log of refused scripts.
     """
 
+    price = _TEXT_WORK
+
     text: str
     kind: Literal["block", "line"]
     origin: str = field(default="a script", compare=False)
@@ -64,6 +71,8 @@ class ScriptUnit(Command):
 class RefusedScript(Command):
     """A program or line from a read-only connection. It is only reported, with the code C210."""
 
+    price = _TEXT_WORK
+
     text: str
     origin: str = field(default="a script", compare=False)
 
@@ -79,6 +88,8 @@ class RefusedScript(Command):
 @dataclass(frozen=True, slots=True)
 class InterpreterLine(Command):
     """One line of the interpreter port. ``answer`` is called with the text to send back, possibly much later."""
+
+    price = _LINE_WORK
 
     text: str
     answer: Callable[[str], None]
@@ -140,6 +151,8 @@ class MountPayload(Command):
 class ModbusCall(Command):
     """A request to the Modbus server: function code and data. Answer: function code and data of the response."""
 
+    price = _REGISTERS_WORK
+
     pdu: bytes
 
     def apply(self, controller: Controller) -> bytes:
@@ -153,6 +166,8 @@ class ModbusCall(Command):
 @dataclass(frozen=True, slots=True)
 class GripperCall(Command):
     """Requests of one client of the gripper. Answer: the bytes to send back."""
+
+    price = _REGISTERS_WORK
 
     requests: tuple[GripperRequest, ...]
     session: GripperSession

@@ -104,7 +104,8 @@ class PortVerbs(Verbs):
         """Count the clients that each port has turned away since the start, by reason; only ports that did so.
 
         http, tls: the client sent what web browsers send; port full, address full: more clients than the limits allow;
-        no descriptors: the process cannot open more files and connections.
+        no descriptors: the process cannot open more files and connections; invalid data, not reading, no memory: the
+        client was disconnected for this reason; wrong token: it sent one to the control API.
         """
         return {name: counts for name, server in self._ports.items() if (counts := server.turned_away.counts)}
 

@@ -1,27 +1,32 @@
 """The control API over HTTP: ``POST /verbs/<name>`` with a JSON object of arguments.
 
-``GET /openapi.json`` documents it, ``GET /verbs`` lists the verbs for command-line clients. Web pages cannot use it: a
+``GET /openapi.json`` documents it, ``GET /verbs`` lists the verbs for command-line clients, ``GET /metrics`` is for
+Prometheus. Answers to wrong tokens are delayed, so that nobody can try many. Web pages cannot use it: a
 request needs the JSON content type, for which browsers first ask for permission, and an address of this robot as Host.
 """
 
+import asyncio
 import hmac
 import logging
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Collection, Mapping
+from functools import cache
 from importlib.metadata import version as distribution_version
 from typing import Any, Final
 
 import msgspec
 
 from emulator.control.control import LiveControl, is_waiting
+from emulator.control.metrics import CONTENT_TYPE
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
+from emulator.servers.admission import Reason
 from emulator.servers.connection import Connection
 from emulator.servers.http import (
     BAD,
     CONFLICT,
     FAILED,
     JSON,
-    NOT_ALLOWED,
     NOT_FOUND,
     OK,
     UNAUTHORIZED,
@@ -29,6 +34,7 @@ from emulator.servers.http import (
     HttpError,
     Request,
     Response,
+    as_json,
     check_host,
     check_type,
 )
@@ -39,16 +45,46 @@ from urproto.text import to_bytes
 
 _VERBS: Final[Mapping[str, Verb]] = verbs_of(LiveControl.SUBJECTS)
 
+_CALLS: Final = "/verbs/"
+_OPEN: Final = ("/", "/health")  # without a token
+_METRICS: Final = "/metrics"
+_WELCOME: Final = {"name": "ur-emulator control API", "documentation": "/openapi.json", "verbs": "/verbs"}
+_GUESS_S: Final = 1.0  # between the answers to two wrong tokens (guess)
+
+
+@cache
+def _openapi() -> bytes:
+    return as_json(openapi(_VERBS, distribution_version("ur-emulator")))
+
+
+@cache
+def _listing() -> bytes:
+    return as_json(listing(_VERBS))
+
+
+_PAGES: Final[Mapping[str, Callable[[], bytes]]] = {"/openapi.json": _openapi, "/verbs": _listing, _METRICS: bytes}
+
 _logger = logging.getLogger(__name__)
 
 
 class ControlServer(PortServer):
-    """Calls the verbs of ``control``. ``token``: the token that clients have to send, "" for none."""
+    """Calls the verbs of ``control``.
 
-    def __init__(self, controller: ServedController, control: LiveControl, token: str = "") -> None:
+    token: the token that clients have to send, "" for none. metrics: returns the answer to ``GET /metrics``.
+    """
+
+    def __init__(
+        self,
+        controller: ServedController,
+        control: LiveControl,
+        token: str = "",
+        metrics: Callable[[], bytes] = bytes,
+    ) -> None:
         super().__init__("control", controller)
         self.control = control
+        self.metrics = metrics
         self.token = token
+        self._next_guess_s = 0.0
         self.unfinished: dict[_ControlConnection, None] = {}  # connections whose verb is not finished, in order
         self._mark: BackdoorMark | None = None
 
@@ -66,6 +102,12 @@ class ControlServer(PortServer):
             self._mark.close()
             self._mark = None
 
+    def delay_of_guess(self) -> float:
+        """Time until a wrong token is answered [s]: one after the other, whoever sends them."""
+        now_s = time.monotonic()
+        self._next_guess_s = max(now_s, self._next_guess_s) + _GUESS_S
+        return self._next_guess_s - now_s
+
     def publish(self, snapshot: Snapshot) -> None:
         """Resume the verbs that are not finished."""
         for connection in tuple(self.unfinished):
@@ -78,11 +120,15 @@ class _ControlConnection(HttpConnection):
     def __init__(self, server: ControlServer) -> None:
         super().__init__(server)
         self._steps: Any = None  # of the verb that is not finished
+        self._refusing: asyncio.TimerHandle | None = None
 
     def refusal(self, status: int, text: str) -> Any:
         return {"error": text}
 
     def lost(self) -> None:
+        super().lost()
+        if self._refusing is not None:
+            self._refusing.cancel()
         self.server.unfinished.pop(self, None)
         if self._steps is not None:
             self._steps.close()
@@ -94,12 +140,48 @@ class _ControlConnection(HttpConnection):
             if response is not None:
                 self.reply(response)
 
+    def admit(self, request: Request) -> None:
+        check_host(request, also=lambda _: bool(self.server.token))
+
+    def methods(self, path: str) -> Collection[str]:
+        if path in _OPEN or path in _PAGES:
+            return ("GET",)
+        if not path.startswith(_CALLS):
+            raise HttpError(NOT_FOUND, f"nothing is served at {path[:100]}: see /openapi.json")
+        return ("POST",)
+
     def answer(self, request: Request) -> Response | None:
-        return self._outcome_of(lambda: self._carry_out(request))
+        path = request.path
+        if path in _OPEN:
+            return Response(OK, _WELCOME)
+        if self.server.token and not self._authorized(request.headers.get("authorization", "")):
+            return None
+        if path == _METRICS:
+            return Response(OK, self.server.metrics(), {"Content-Type": CONTENT_TYPE})
+        if path in _PAGES:
+            return Response(OK, _PAGES[path]())
+        return self._outcome_of(lambda: self._call(path.removeprefix(_CALLS), request))
+
+    def _authorized(self, given: str) -> bool:
+        """Whether a request has the token; a wrong one is answered later. Raises HttpError if there is none."""
+        if hmac.compare_digest(to_bytes(given), to_bytes(f"Bearer {self.server.token}")):
+            return True
+        refusal = HttpError(
+            UNAUTHORIZED,
+            "the token is missing or wrong: send the header Authorization: Bearer <token>",
+            {"WWW-Authenticate": "Bearer"},
+        )
+        if not given:
+            raise refusal
+        delay_s = self.server.delay_of_guess()
+        self.server.turned_away.count(Reason.WRONG_TOKEN, self.peer, "sent a wrong token, which is answered later")
+        later = asyncio.get_running_loop().call_later
+        self._refusing = later(delay_s, lambda: self.reply(self.refuse(refusal)))
+        return False
 
     def _outcome_of(self, work: Callable[[], Any]) -> Response | None:
         """Return the response to the result or error of the work; None if it takes more time: its steps are kept."""
-        status, content = _outcome(work)
+        status, content = self._result_of(work)
         if is_waiting(content):
             self._steps = content
             self.server.unfinished[self] = None
@@ -108,22 +190,20 @@ class _ControlConnection(HttpConnection):
         self.server.unfinished.pop(self, None)
         return Response(status, content)
 
-    def _carry_out(self, request: Request) -> Any:
-        """Return the result of a request, or the remaining steps to it."""
-        method, path = request.method, request.path
-        check_host(request, also=lambda _: bool(self.server.token))
-        if method == "GET" and path in ("/", "/health"):
-            return {"name": "ur-emulator control API", "documentation": "/openapi.json", "verbs": "/verbs"}
-        self._check_token(request.headers.get("authorization", ""))
-        if method == "GET" and path == "/openapi.json":
-            return openapi(_VERBS, distribution_version("ur-emulator"))
-        if method == "GET" and path == "/verbs":
-            return listing(_VERBS)
-        if not path.startswith("/verbs/"):
-            raise HttpError(NOT_FOUND, f"nothing is served at {path}: see /openapi.json")
-        if method != "POST":
-            raise HttpError(NOT_ALLOWED, f"the method {method} is not allowed: call a verb with POST")
-        return self._call(path.removeprefix("/verbs/"), request)
+    def _result_of(self, work: Callable[[], Any]) -> tuple[int, Any]:
+        """Return the status and the content of the answer. Raises HttpError."""
+        try:
+            return OK, work()
+        except HttpError:
+            raise
+        except BadArguments as error:
+            return BAD, {"error": str(error)}
+        except NotPossible as error:
+            return CONFLICT, {"error": str(error)}
+        except Exception as error:
+            if self.server.reported.is_new(error):
+                _logger.exception("a verb failed")
+            return FAILED, {"error": f"the verb failed because of a bug in the emulator: {error}"}
 
     def _call(self, name: str, request: Request) -> Any:
         if name not in _VERBS:
@@ -143,33 +223,9 @@ class _ControlConnection(HttpConnection):
             return {"result": done.value}
         return self._steps
 
-    def _check_token(self, authorization: str) -> None:
-        token = self.server.token
-        if token and not hmac.compare_digest(to_bytes(authorization), to_bytes(f"Bearer {token}")):
-            raise HttpError(
-                UNAUTHORIZED,
-                "the token is missing or wrong: send the header Authorization: Bearer <token>",
-                {"WWW-Authenticate": "Bearer"},
-            )
-
 
 def _arguments(body: bytes) -> dict[str, Any]:
     try:
         return msgspec.json.decode(body or b"{}", type=dict[str, Any])
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise BadArguments(f"the arguments are not a JSON object: {error}") from error
-
-
-def _outcome(work: Callable[[], Any]) -> tuple[int, Any]:
-    """Return the status and the content of the answer. Raises HttpError."""
-    try:
-        return OK, work()
-    except HttpError:
-        raise
-    except BadArguments as error:
-        return BAD, {"error": str(error)}
-    except NotPossible as error:
-        return CONFLICT, {"error": str(error)}
-    except Exception as error:
-        _logger.exception("a verb failed")
-        return FAILED, {"error": f"the verb failed because of a bug in the emulator: {error}"}

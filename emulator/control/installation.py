@@ -8,9 +8,9 @@ from typing import Any, Final
 
 from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
 from emulator.controller import Controller
-from emulator.programs.compiling import in_periods
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.services.urcap import DriverAddress
+from emulator.workshare import in_periods
 from urproto.text import unknown
 from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document
 from urscript.polyscope.folder import ProgramsFolder
@@ -117,7 +117,7 @@ class InstallationVerbs(Verbs):
             root = new_installation(controller.version, "default" if path is None else path.stem)
         else:
             try:
-                found = yield from in_periods(read_steps(path.read_bytes()), controller.period_s)
+                found = yield from in_periods(read_steps(path.read_bytes()), controller.work)
             except (OSError, DocumentError) as error:
                 raise NotPossible(f"{path.name} cannot be read: {error}") from error
             assert found is not None

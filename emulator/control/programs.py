@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 from emulator.commands import dashboard
 from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, verb
-from emulator.programs.compiling import Submission, in_periods
+from emulator.programs.compiling import Submission
 from emulator.programs.loading import DRIVER_PROGRAMS, program_files
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.programs.runner import Programs
 from emulator.services.urcap import DriverAddress
+from emulator.workshare import in_periods
 from urproto.modes import RuntimeState
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.outline import OutlineNode, outline_steps
@@ -223,7 +224,7 @@ def _shown_program(controller: "Controller") -> Waiting[dict[str, Any]]:
         shown |= {"file": loaded.path.name, "text": text or loaded.script}
         if loaded.tree is not None:
             steps = outline_steps(loaded.tree, controller.installation.file, controller.version)
-            nodes = yield from in_periods(_empty_if_unfit(steps), controller.period_s)
+            nodes = yield from in_periods(_empty_if_unfit(steps), controller.work)
             shown["tree"] = [asdict(node) for node in nodes or ()]
         else:
             shown["tree"] = [asdict(node) for node in loaded.outline]

@@ -1,17 +1,14 @@
-"""Compiles the texts that clients submit, in slices, so that no control period takes too long.
-
-A slice is measured in the compiler's units of work and not in time, so that a script starts
-in the same period on every computer.
-"""
+"""Compiles the texts that clients submit, in slices, so that no control period takes too long."""
 
 import gc
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final, Generic, TypeVar
+from typing import Final
 
 from emulator.builtins import LIBRARIES
+from emulator.workshare import Job, WorkShare
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import CompiledProgram, compile_steps
@@ -22,60 +19,7 @@ from urscript.work import Steps
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 
-WORK_PER_SECOND: Final = 400_000
-"""Compiler work per second of controller time [units of `urscript.work`], divided equally among the periods.
-
-This is about a third of a period on an idle computer. The official control script (48 kB) takes a quarter of a second;
-its driver expects the program to call back within 0.5 s.
-"""
-
 _MANY_VARIABLES: Final = 1000
-
-ResultT = TypeVar("ResultT")
-
-
-class Job(Generic[ResultT]):
-    """Work in steps, and its result once a `WorkShare` has completed it."""
-
-    def __init__(self, steps: Steps[ResultT]) -> None:
-        self.steps = steps
-        self.price = 0  # cost of the next step
-        self.result: ResultT | None = None
-
-
-class WorkShare:
-    """Budget of compiler work per control period."""
-
-    def __init__(self, period_s: float) -> None:
-        self._share = round(WORK_PER_SECOND * period_s)
-        self._left = self._share
-
-    def new_period(self) -> None:
-        """Start a control period with a new share, from which any overdraft is deducted first."""
-        self._left = min(self._share, self._left + self._share)
-
-    def work(self, job: Job[ResultT]) -> bool:
-        """Continue a job; returns True when it is done, False if it needs another period. Raises what the job raises.
-
-        A step larger than a whole share is done in a separate period, and no work in the following ones.
-        """
-        while job.price <= self._left or self._left == self._share:
-            self._left -= job.price
-            try:
-                job.price = next(job.steps)
-            except StopIteration as end:
-                job.result = end.value
-                return True
-        return False
-
-
-def in_periods(steps: Steps[ResultT], period_s: float) -> Generator[None, None, ResultT | None]:
-    """Do work with a separate budget: yields once per control period and returns the result."""
-    share, job = WorkShare(period_s), Job(steps)
-    while not share.work(job):
-        share.new_period()
-        yield
-    return job.result
 
 
 @dataclass(eq=False, slots=True)

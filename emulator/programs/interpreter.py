@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeAlias, TypeVar
 
-from emulator.programs.compiling import Job, WorkShare
+from emulator.workshare import Job, WorkShare
 from urproto.interpreter import LAST_ID, InterpreterCommand, Reason, ack, discard, state
 from urscript.analysis import FunctionPlan
 from urscript.errors import CompileError

@@ -7,22 +7,21 @@ from typing import Final
 
 from emulator.builtins.host import ProgramServices
 from emulator.machine import Machine
-from emulator.programs.compiling import LIBRARY_SET, Submission
+from emulator.programs.compiling import LIBRARY_SET, Submission, gc_paused
 from emulator.services.urcap import ProgramRequest
-from urproto.text import from_bytes
 from urproto.versions import PolyscopeVersion
 from urscript.compiler import CompiledProgram, compile_steps
 from urscript.errors import CompileError
 from urscript.files import inlined, is_inlined, split_steps
 from urscript.parser import is_secondary
 from urscript.polyscope.document import DocumentError
-from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.folder import ProgramsFolder, read_file, read_text
 from urscript.polyscope.installation_file import InstallationFile, read_installation_steps
 from urscript.polyscope.outline import OutlineNode
 from urscript.polyscope.program import script_steps
 from urscript.polyscope.tree import ProgramTree, TreeError, read_tree_steps
 from urscript.polyscope.urpx import SUFFIX as URPX
-from urscript.polyscope.urpx import Urpx, UrpxError, read_urpx
+from urscript.polyscope.urpx import URPX_BYTES_PER_WORK, Urpx, UrpxError, read_urpx
 from urscript.polyscope.writer import ExternalControlCode
 from urscript.work import Steps
 
@@ -100,7 +99,10 @@ class Player:
         folder. Raises ProgramLoadError or OSError; the program loaded before then remains.
         """
         machine = self._machine
-        loaded = yield from load_steps(path, machine.config.programs_dir, machine.installation.file, machine.version)
+        with gc_paused():
+            loaded = yield from load_steps(
+                path, machine.config.programs_dir, machine.installation.file, machine.version
+            )
         if by_default and self.loaded is not None:
             return
         for note in loaded.notes:
@@ -202,7 +204,7 @@ def load_steps(
     and compiles; otherwise, ProgramLoadError gives the reason. Also raises OSError.
     """
     if path.suffix == ".script":
-        return (yield from _script(path, _read(path)))
+        return (yield from _script(path, read_text(path)))
     wanted = URPX if version.is_polyscope_x else ".urp"
     if path.suffix != wanted:
         raise ProgramLoadError(f"{path.name} is not a program: use a {wanted} or .script file")
@@ -234,7 +236,7 @@ def _saved_script(
             f"{reason}. {saved.name} is not played instead, because it was saved with another version of the program: "
             f"{tree.changed_since_saved}"
         ) from error
-    script = _read(saved)
+    script = read_text(saved)
     try:
         yield from compile_steps(script, LIBRARY_SET, version)
     except CompileError as complaint:
@@ -261,7 +263,9 @@ def _tree(path: Path, tree: ProgramTree, present: InstallationFile, version: Pol
 
 def _urpx(path: Path, present: InstallationFile, version: PolyscopeVersion) -> Steps[LoadedProgram]:
     try:
-        program = read_urpx(path.read_bytes())
+        data = read_file(path)
+        yield len(data) // URPX_BYTES_PER_WORK
+        program = read_urpx(data)
     except UrpxError as error:
         raise ProgramLoadError(f"{path.name}: {error}") from error
     try:
@@ -297,7 +301,3 @@ def _script(path: Path, text: str) -> Steps[LoadedProgram]:
         raise ProgramLoadError(f"{path.name} contains {len(units)} programs: send them to a script port, one at a time")
     note = f"{path.name} contains {len(units)} programs: as one program, they are functions that are never called"
     return LoadedProgram(path, inlined(path.stem, text), notes=[note])
-
-
-def _read(path: Path) -> str:
-    return from_bytes(path.read_bytes()).removeprefix("\ufeff")

@@ -26,7 +26,7 @@ from emulator.builtins.host import ProgramHost, ProgramServices, StepHook
 from emulator.lifecycle.runstate import RTDE_WATCHDOG, RunEvent, next_run_state
 from emulator.machine import Machine
 from emulator.programs.breakpoints import Breakpoints
-from emulator.programs.compiling import Compiling, Submission, WorkShare
+from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.interpreter import Interpreter
 from emulator.programs.loading import LoadedProgram, Player
 from emulator.programs.overrun import watch
@@ -191,9 +191,8 @@ class Programs:
         self.high_holding_torque = True
         self.jerk_gain_scaling = 1.0
         self.motion_version = 1  # guess: the value of motion_version_get() before it is set
-        self._share = WorkShare(machine.period_s)
-        self._compiling = Compiling(self._share)
-        self.interpreter = Interpreter(self._share, self._note, machine.motion.commands.abort)
+        self._compiling = Compiling(machine.work)
+        self.interpreter = Interpreter(machine.work, self._note, machine.motion.commands.abort)
         self._player = Player(machine, self)
         self._main: Runtime | None = None
         self._host: ProgramHost | None = None
@@ -232,6 +231,11 @@ class Programs:
         """Whether a program is running, paused, waiting or being compiled."""
         waiting = bool(self._next or self._secondary or self._compiling.waiting)
         return waiting or self.state is not RuntimeState.STOPPED
+
+    @property
+    def texts_waiting(self) -> int:
+        """Number of programs that are not compiled yet."""
+        return len(self._compiling.waiting)
 
     @property
     def line(self) -> int:
@@ -380,7 +384,7 @@ class Programs:
         self._decide()
         # Interpreted lines use the rest of the work budget; the next one is for texts that arrive before the next step.
         self.interpreter.step()
-        self._share.new_period()
+        self._machine.work.new_period()
         self._settle()
         self._start_next()
         # Secondary programs run before the main one, which sees their changes in the same period.

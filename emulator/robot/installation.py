@@ -12,16 +12,11 @@ from emulator.snapshot import Marked, Snapshot, plausible
 from urproto.robots.model import UPRIGHT_GRAVITY
 from urproto.robots.pose import Pose
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
-from urscript.polyscope.document import DocumentError
-from urscript.polyscope.installation_file import InstallationFile, load_installation_file
+from urscript.polyscope.installation_file import InstallationFile
 
 _STANDING: Final = ZERO3
 _NO_TCP: Final = ZERO6
 _PAYLOAD_DENSITY: Final = 1000.0  # kg/m3: Script Manual, set_payload assumes a sphere of 1 g/cm3
-
-
-class InstallationError(ValueError):
-    """The file is not an installation that this emulator can apply."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,18 +111,6 @@ class Installation(Marked):
             self.payload, self._transition = moving.target, None
         else:
             self.payload = moving.start.towards(moving.target, moving.elapsed_s / moving.duration_s)
-
-    def load(self, path: Path) -> None:
-        """Apply TCP, payload and mounting of an ``.installation`` file (gzip-compressed XML).
-
-        Raises OSError if the file cannot be read and InstallationError if it is not an
-        installation; nothing has changed then. Safety settings and URCaps in it are not
-        emulated and remain as they are.
-        """
-        try:
-            self.apply(path, load_installation_file(path))
-        except DocumentError as error:
-            raise InstallationError(f"{path.name} is not an installation file: {error}") from error
 
     def apply(self, path: Path, file: InstallationFile) -> None:
         """Apply the contents of an installation file."""

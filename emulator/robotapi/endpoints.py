@@ -44,6 +44,7 @@ from urproto import dashboard as replies
 from urproto import robotapi
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.robotapi import Endpoint, ProgramAction, StateAction, robot_word, safety_word
+from urscript.polyscope.folder import read_file
 
 _OK: Final = "OK"
 _SWITCHING_S: Final = 60.0  # guess: switching on takes up to half a minute on an arm
@@ -255,7 +256,7 @@ def get_program(controller: Controller, name: str) -> Generator[None, None, byte
     """Download a stored program as a .urpx file."""
     path = yield from find_program(controller, name)
     try:
-        return path.read_bytes()
+        return read_file(path)
     except OSError as error:
         raise HttpError(CONFLICT, f"{name} cannot be read: {error.strerror or error}") from error
 

@@ -6,8 +6,9 @@ them, are accepted like addresses.
 """
 
 import re
-from collections.abc import Generator
+from collections.abc import Collection, Generator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 from urllib.parse import unquote, urlsplit
 
@@ -26,7 +27,6 @@ from emulator.servers.http import (
     FORBIDDEN,
     INVALID,
     JSON,
-    NOT_ALLOWED,
     NOT_FOUND,
     OK,
     TEMPORARY_REDIRECT,
@@ -34,6 +34,7 @@ from emulator.servers.http import (
     HttpError,
     Request,
     Response,
+    as_json,
     check_host,
     check_type,
     is_local,
@@ -44,6 +45,8 @@ from urproto.robotapi import BASE, MAX_UPLOAD, OPENAPI, URCAPS
 _FORM: Final = "multipart/form-data"
 _FILE: Final = "file"
 _NOT_IMPLEMENTED: Final = 501
+_METHODS_OF_URCAPS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
+_CALL_WORK: Final = 20  # [units of `urscript.work`], next to what HTTP costs
 _AT: Final = re.compile(r" - at `\$\.?([^`]*)`")
 _LOCAL_CONTROL: Final = "the robot is in local control: switch it to Remote Control on its pendant"
 
@@ -58,10 +61,17 @@ class RobotApiServer(PortServer):
     def connect(self) -> Connection:
         return _RobotApiConnection(self)
 
+    @cached_property
+    def document(self) -> bytes:
+        """The OpenAPI document."""
+        return as_json(openapi(self.operations, self.controller.version))
+
 
 @dataclass(frozen=True, slots=True)
 class RobotApiCall(Command):
     """A request. Answer: status and content of the response."""
+
+    price = _CALL_WORK
 
     operation: Operation
     arguments: tuple[Any, ...]
@@ -93,15 +103,27 @@ class _RobotApiConnection(HttpConnection):
     def refusal(self, status: int, text: str) -> Any:
         return ApiError(text)
 
-    def answer(self, request: Request) -> Response | None:
+    def admit(self, request: Request) -> None:
         check_host(request, also=is_local)
         _check_origin(request)
+
+    def methods(self, path: str) -> Collection[str]:
+        if path == URCAPS:
+            return _METHODS_OF_URCAPS
+        if path == OPENAPI and self.server.operations:
+            return ("GET",)
+        here = {each.endpoint.method for each, _ in self._operations(path)}
+        if not here:
+            raise self._nothing_at(path)
+        return here
+
+    def answer(self, request: Request) -> Response | None:
         if request.path == URCAPS:
             return _urcaps(request)
-        if request.path == OPENAPI and self.server.operations:
-            _check_method(request, "GET")
-            return Response(OK, openapi(self.server.operations, self.server.controller.version))
-        operation, name = self._operation(request)
+        if request.path == OPENAPI:
+            return Response(OK, self.server.document)
+        method = request.method
+        operation, name = next(each for each in self._operations(request.path) if each[0].endpoint.method == method)
         try:
             arguments = _arguments(operation, name, request)
         except _InvalidRequestError as error:
@@ -109,27 +131,27 @@ class _RobotApiConnection(HttpConnection):
         self._queue.put(RobotApiCall(operation, arguments), self._answered)
         return None
 
+    def lost(self) -> None:
+        super().lost()
+        self._queue.clear()
+
     def _answered(self, answer: tuple[int, Any]) -> None:
         if self.is_open:
             self.reply(Response(*answer))
 
-    def _operation(self, request: Request) -> tuple[Operation, str]:
-        """The requested operation, and the name in its path. Raises HttpError."""
-        if not request.path.startswith(f"{BASE}/"):
-            raise HttpError(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
-        path = request.path.removeprefix(BASE)
-        here = [(each, name) for each in self.server.operations if (name := _matched(each, path)) is not None]
-        found = next((each for each in here if each[0].endpoint.method == request.method), None)
-        if found is not None:
-            return found
-        if here:
-            allowed = ", ".join(sorted(each.endpoint.method for each, _ in here))
-            raise HttpError(NOT_ALLOWED, f"{request.method} is not allowed here: use {allowed}", {"Allow": allowed})
-        for other in (f"{path}/", path.rstrip("/")):
-            if any(each.endpoint.path == other for each in self.server.operations):
-                query = f"?{request.query}" if request.query else ""
-                raise HttpError(TEMPORARY_REDIRECT, f"it is at {BASE}{other}", {"Location": f"{BASE}{other}{query}"})
-        raise HttpError(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
+    def _operations(self, path: str) -> list[tuple[Operation, str]]:
+        """The operations at a path, each with the name in the path."""
+        if not path.startswith(f"{BASE}/"):
+            return []
+        path = path.removeprefix(BASE)
+        return [(each, name) for each in self.server.operations if (name := _matched(each, path)) is not None]
+
+    def _nothing_at(self, path: str) -> HttpError:
+        """Why there is nothing: a path that differs in its last slash is redirected."""
+        other = path.rstrip("/") if path.endswith("/") else f"{path}/"
+        if any(f"{BASE}{each.endpoint.path}" == other for each in self.server.operations):
+            return HttpError(TEMPORARY_REDIRECT, f"it is at {other}", {"Location": other})
+        return HttpError(NOT_FOUND, f"there is nothing at {path[:100]}: see {OPENAPI}")
 
 
 def _matched(operation: Operation, path: str) -> str | None:
@@ -181,11 +203,6 @@ def _urcaps(request: Request) -> Response:
     if request.method != "GET":
         raise HttpError(_NOT_IMPLEMENTED, "URCaps of PolyScope X are not emulated")
     return Response(OK, [])
-
-
-def _check_method(request: Request, method: str) -> None:
-    if request.method != method:
-        raise HttpError(NOT_ALLOWED, f"{request.method} is not allowed here: use {method}", {"Allow": method})
 
 
 def _check_origin(request: Request) -> None:

@@ -11,7 +11,7 @@ from emulator.programs.loading import DEFAULT_URPX, MAX_PROGRAMS
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.servers.http import BAD, INVALID, NOT_FOUND, HttpError
 from urproto.robotapi import DEFAULT_PROGRAM
-from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.folder import ProgramsFolder, read_file
 from urscript.polyscope.urpx import SUFFIX, UrpxError, UrpxInformation, read_information, read_urpx
 
 _Stored = tuple[Path, UrpxInformation]
@@ -26,7 +26,7 @@ def stored_programs(controller: Controller) -> Generator[None, None, list[_Store
     found: dict[str, _Stored] = {}
     for path in [DEFAULT_URPX, *_files(controller)]:
         try:
-            information = read_information(path.read_bytes())
+            information = read_information(read_file(path))
         except (OSError, UrpxError) as error:
             controller.messages.note(f"{path.name} is omitted from the programs: {error}")
         else:

@@ -59,6 +59,10 @@ class Reason(StrEnum):
     PORT_FULL = "port full"
     ADDRESS_FULL = "address full"
     NO_DESCRIPTORS = "no descriptors"
+    INVALID = "invalid data"
+    NOT_READING = "not reading"
+    NO_MEMORY = "no memory"
+    WRONG_TOKEN = "wrong token"
 
 
 def _log_once_a_minute(error: OSError) -> None:

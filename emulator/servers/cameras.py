@@ -6,7 +6,7 @@ picture.
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qs, unquote
@@ -15,9 +15,9 @@ from emulator.servers.camera_drawing import MAX_HZ, Drawing, DrawingError, Pictu
 from emulator.servers.connection import Connection
 from emulator.servers.http import (
     BAD,
-    NOT_ALLOWED,
     NOT_FOUND,
     OK,
+    PAGE_POLICY,
     UNAVAILABLE,
     HttpConnection,
     HttpError,
@@ -38,19 +38,12 @@ _DEFAULT_HZ: Final = 10.0
 _MIN_HZ: Final = 0.01
 _MAX_VIEWERS: Final = 32  # clients that wait for a picture or receive a stream (guess)
 _BUFFER: Final = 128 * 1024  # bytes that may be buffered for a client; above that, sending pauses
-_MAX_AHEAD: Final = 64 * 1024  # bytes of further requests that a client may send before its picture is sent (guess)
 _JPEG: Final = "rgb.jpg"
 _BOUNDARY: Final = "picture"
-_COMMON_HEADERS: Final = {
-    "Cache-Control": "no-store",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "X-Content-Type-Options": "nosniff",
-}
-_PAGE_HEADERS: Final = {
-    **_COMMON_HEADERS,
-    "Content-Type": "text/html; charset=utf-8",
-    "Content-Security-Policy": "default-src 'none'; img-src 'self'; frame-ancestors 'none'",
-}
+_STREAM_TYPE: Final = f"multipart/x-mixed-replace; boundary={_BOUNDARY}"
+_PAGE_HEADERS: Final = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": PAGE_POLICY}
+# every request draws another picture, of which the rest of an earlier one is no part
+_PICTURE_HEADERS: Final = {"Accept-Ranges": "none"}
 _PAGE: Final = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>Cameras</title></head>
 <body><h1>Cameras</h1>
@@ -127,7 +120,6 @@ class _CameraConnection(HttpConnection):
     def __init__(self, server: CameraServer) -> None:
         super().__init__(server)
         self._viewing: _Viewing | None = None
-        self._bytes_ahead = 0  # bytes received while the present request is being answered
         self._parts: deque[bytes] = deque()
         self._full = False  # the write buffer of the connection is full
         self._pumping: asyncio.Handle | None = None
@@ -135,19 +127,25 @@ class _CameraConnection(HttpConnection):
     def refusal(self, status: int, text: str) -> Any:
         return {"error": text}
 
-    def answer(self, request: Request) -> Response | None:
+    def admit(self, request: Request) -> None:
         check_host(request, also=is_local)
         check_site(request)
-        if request.method != "GET":
-            raise HttpError(NOT_ALLOWED, f"the method {request.method} is not allowed: use GET", {"Allow": "GET"})
+
+    def methods(self, path: str) -> Collection[str]:
+        if path not in ("/", CAMERAS):
+            self._camera_and_form(path)
+        return ("GET",)
+
+    def answer(self, request: Request) -> Response | None:
         if request.path == "/":
             return Response(OK, self.server.page(), _PAGE_HEADERS)
         if request.path == CAMERAS:
-            return Response(OK, self.server.index(), _COMMON_HEADERS)
+            return Response(OK, self.server.index())
         name, form = self._camera_and_form(request.path)
         every_s = 1.0 / _fps(request.query) if form == STREAM else None
+        if self.head_only and form == STREAM:
+            return Response(OK, b"", {"Content-Type": _STREAM_TYPE})
         self.server.check_room()
-        self._bytes_ahead = 0
         self._viewing = _Viewing(self, name, _JPEG if form == STREAM else form, every_s)
         return None
 
@@ -164,19 +162,16 @@ class _CameraConnection(HttpConnection):
             raise HttpError(NOT_FOUND, f"a camera does not serve {form}; it serves: {', '.join((STREAM, *FORMS))}")
         return name, form
 
-    def received(self, data: bytes) -> None:
-        # A client may send its next request during a stream, but no more than that: it is buffered until the end.
-        if self._viewing is not None:
-            self._bytes_ahead += len(data)
-            if self._bytes_ahead > _MAX_AHEAD:
-                raise RemoteProtocolError(f"it sent more than {_MAX_AHEAD} bytes while it was being sent pictures")
-        super().received(data)
+    def too_far_ahead(self) -> None:
+        """A viewer of a stream may send its next request, but no more than that: its end would not be noticed."""
+        raise RemoteProtocolError("it sent many requests while it was being sent pictures")
 
     def opened(self) -> None:
         assert self._transport is not None
         self._transport.set_write_buffer_limits(high=_BUFFER)
 
     def lost(self) -> None:
+        super().lost()
         if self._viewing is not None:
             self._viewing.cancel()
         if self._pumping is not None:
@@ -265,14 +260,13 @@ class _Viewing:
         }
         self._sending = True
         if self._every_s is None:
-            connection.begin_response(OK, {**_COMMON_HEADERS, **head})
+            connection.begin_response(OK, {**_PICTURE_HEADERS, **head})
             connection.send_parts(picture.parts)
             return
         lines = "".join(f"{name}: {value}\r\n" for name, value in head.items())
         begin = [] if self._stream_started else [f"--{_BOUNDARY}\r\n".encode()]
         if not self._stream_started:
-            kind = f"multipart/x-mixed-replace; boundary={_BOUNDARY}"
-            connection.begin_response(OK, {**_COMMON_HEADERS, "Content-Type": kind})
+            connection.begin_response(OK, {"Content-Type": _STREAM_TYPE})
             self._stream_started = True
         # the next boundary follows immediately: browsers show a picture once they see the boundary after it
         connection.send_parts([*begin, f"{lines}\r\n".encode(), *picture.parts, f"\r\n--{_BOUNDARY}\r\n".encode()])

@@ -46,6 +46,11 @@ class CommandQueue:
         """Drop the commands that have not been passed to the controller yet."""
         self._waiting.clear()
 
+    def keep(self, count: int) -> None:
+        """Drop the commands that have not been passed to the controller yet, except for the first ones."""
+        while len(self._waiting) > count:
+            self._waiting.pop()
+
     def _post(self) -> None:
         while self._waiting and self._unanswered < self._max_unanswered:
             command, reply = self._waiting.popleft()

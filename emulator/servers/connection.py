@@ -14,6 +14,7 @@ import time
 from contextlib import suppress
 from typing import Final, Protocol
 
+from emulator.logs import ReportedErrors
 from emulator.servers.admission import Reason, RejectedClients
 from emulator.servers.hooks import BytesHook, Direction, Hooks
 from emulator.servers.read_budget import ReadBudget
@@ -25,6 +26,7 @@ SEND_BUFFER: Final = 256 * 1024
 """Size of the system's buffer for a client that does not read, which limits the age of what it reads later (guess)."""
 
 _READ_BYTES: Final = 1024  # at a time: parsing them takes some ms even if each byte is a message (guess)
+_MAX_REST: Final = 64 * 1024  # bytes of a client that has left: its last program (guess)
 _MAX_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
 _QUICK_ACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)  # Linux; in force until the next delayed one
 _LINGER_S: Final = 1.0  # for a client that keeps sending after its final answer (guess)
@@ -52,6 +54,7 @@ class Port(Protocol):
     hooks: "Hooks[Connection]"
     turned_away: RejectedClients
     read_budget: ReadBudget
+    reported: ReportedErrors
     connections: "list[Connection]"
 
     @property
@@ -70,17 +73,19 @@ class Connection(asyncio.BufferedProtocol):
 
     most_undelivered: bytes that may wait for a client that does not read. for_browsers: whether web browsers may use
     the port; on others they are disconnected. patient: whether first bytes may be held back until it is known who sent
-    them.
+    them. outlives_client: whether what a client sent is read even if it has reset the connection.
     """
 
     most_undelivered = _MAX_UNDELIVERED
     for_browsers = False
     patient = True
+    outlives_client = True
 
     def __init__(self, server: Port) -> None:
         self.server = server
         self._transport: asyncio.Transport | None = None
         self._read_buffer = bytearray(_READ_BYTES)
+        self._unread = b""  # what was received and waits for the read budget
         self.peer = "?"
         self._kept = {Direction.SENT: 0, Direction.RECEIVED: 0}  # bytes that hooks hold back
         self._late = 0  # of these, those on their way to the client
@@ -215,6 +220,8 @@ class Connection(asyncio.BufferedProtocol):
         """Read from the client again, unless another reason remains."""
         self._stalls.discard(reason)
         self._read()
+        if not self._stalls:
+            self.serve()
 
     def reset(self) -> None:
         """Abort the connection, so that the client receives a reset (RST) instead of a regular end (FIN)."""
@@ -260,7 +267,8 @@ class Connection(asyncio.BufferedProtocol):
 
     def _write(self, transport: asyncio.Transport, data: bytes) -> None:
         if transport.get_write_buffer_size() + self._late + len(data) > self.most_undelivered:
-            _logger.warning("%s: %s does not read what it is sent and is disconnected", self.server.name, self.peer)
+            text = "does not read what it is sent and is disconnected"
+            self.server.turned_away.count(Reason.NOT_READING, self.peer, text)
             transport.abort()
         elif data:
             transport.write(data)
@@ -274,10 +282,11 @@ class Connection(asyncio.BufferedProtocol):
             if data:
                 self.received(data)
         except RemoteProtocolError as error:
-            _logger.warning("%s: %s is disconnected: %s", self.server.name, self.peer, error)
+            self.server.turned_away.count(Reason.INVALID, self.peer, f"is disconnected: {error}")
             self.close()
         except MemoryError:
-            _logger.warning("%s: %s is disconnected: no memory for the data it sent", self.server.name, self.peer)
+            text = "is disconnected: no memory for the data it sent"
+            self.server.turned_away.count(Reason.NO_MEMORY, self.peer, text)
             self.abort()
 
     def _judge(self, opening: Opening, data: bytes) -> bytes:
@@ -330,9 +339,26 @@ class Connection(asyncio.BufferedProtocol):
         return self._read_buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        began_s = time.thread_time()
-        self._arrived(bytes(self._read_buffer[:nbytes]))
-        self.server.read_budget.spent(self, time.thread_time() - began_s)
+        self._unread = bytes(self._read_buffer[:nbytes])
+        self.serve()
+
+    def serve(self) -> None:
+        """Do the work that the client causes, if the read budget permits it; otherwise when it permits it again."""
+        budget = self.server.read_budget
+        if self.has_work and self.is_open and budget.admits(self):
+            began_s = time.thread_time()
+            self.work()
+            budget.spent(self, time.thread_time() - began_s)
+
+    @property
+    def has_work(self) -> bool:
+        """Whether something that was received waits for ``work``."""
+        return bool(self._unread)
+
+    def work(self) -> None:
+        """Read what was received."""
+        data, self._unread = self._unread, b""
+        self._arrived(data)
 
     def _arrived(self, data: bytes) -> None:
         if self.server.hooks.on_bytes:
@@ -349,11 +375,15 @@ class Connection(asyncio.BufferedProtocol):
         Clients that close the connection with unread states reset it, right after their last command.
         """
         own = self._transport.get_extra_info("socket") if self._transport is not None else None
-        if own is None or self._stalls or not self._wants_reading:
+        if own is None or self._stalls or not self._wants_reading or not self.outlives_client:
             return
+        began_s = time.thread_time()
         with suppress(OSError):
-            while data := os.read(own.fileno(), _READ_BYTES):
+            for _ in range(_MAX_REST // _READ_BYTES):
+                if not self._wants_reading or not (data := os.read(own.fileno(), _READ_BYTES)):
+                    break
                 self._arrived(data)
+        self.server.read_budget.spent(self, time.thread_time() - began_s)
 
     def connection_lost(self, exc: Exception | None) -> None:
         connected = self in self.server.connections

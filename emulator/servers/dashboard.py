@@ -1,11 +1,15 @@
 """Dashboard server (TCP 29999)."""
 
+from typing import Final
+
 from emulator.commands.requests import DashboardLine
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
 from urproto.dashboard import DISCONNECTED, GREETING, LineDecoder, encode_line
+
+_LAST_LINES: Final = 8  # of a client that has left without reading the answers: they are carried out (guess)
 
 
 class DashboardServer(PortServer):
@@ -41,6 +45,9 @@ class _DashboardConnection(Connection):
     def at_end(self) -> bool:
         self._ended = True
         return not self._queue.idle
+
+    def lost(self) -> None:
+        self._queue.keep(_LAST_LINES)
 
     def _answer(self, reply: str | None) -> None:
         if reply is not None:

@@ -1,14 +1,20 @@
-"""HTTP for the servers of this package: a request in, JSON or bytes in parts out, one after the other per connection.
+"""HTTP for all servers of this package: a request in, JSON or bytes in parts out, one after the other per connection.
 
-A server decides how a request is answered. Requests that h11 rejects and bodies that are too large are answered here.
+A server says which methods it serves at a path, and how a request is answered. Everything that is the same for all of
+them is done here: HEAD and OPTIONS, other methods, limits, requests that h11 rejects, and the headers that tell a
+browser to treat an answer as nothing but data. A request begins only when the read budget permits it, also if it
+arrived together with others; those that are waiting when the client disconnects are dropped.
+
 ``check_host`` and ``check_type`` keep web pages out. A web site whose name was made to resolve to this machine (DNS
 rebinding) sends that name as the Host, which is not an address. For a page that sends JSON to another site, a browser
 first asks that site for permission (a preflight request); without permission a page can only send other types.
 """
 
+import asyncio
 import logging
+import time
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from ipaddress import ip_address
 from typing import Any, Final
@@ -21,9 +27,27 @@ from emulator.servers.port import PortServer
 from urproto.text import from_bytes, readable_in
 
 JSON: Final = "application/json"
-CONTINUE, OK, TEMPORARY_REDIRECT = 100, 200, 307
+CONTINUE, OK, NO_CONTENT, TEMPORARY_REDIRECT = 100, 200, 204, 307
 BAD, UNAUTHORIZED, FORBIDDEN, NOT_FOUND, NOT_ALLOWED, CONFLICT = 400, 401, 403, 404, 405, 409
 TOO_LARGE, WRONG_TYPE, INVALID, FAILED, UNAVAILABLE, TIMED_OUT = 413, 415, 422, 500, 503, 504
+
+PAGE_POLICY: Final = "default-src 'none'; img-src 'self'; frame-ancestors 'none'"
+"""Content-Security-Policy of a page that shows pictures of the same server."""
+
+_HEADERS: Final = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+}
+"""Headers of every answer, unless the server sets them."""
+
+_LAST: Final = {"Connection": "close"}
+_DATE: Final = "%a, %d %b %Y %H:%M:%S GMT"
+_ABSOLUTE: Final = ("http://", "https://")
+_MAX_CHUNKS: Final = 4096  # of a body (guess): clients send some kB in each
+_MAX_AHEAD: Final = 64 * 1024  # bytes of further requests that are read while one is being answered (guess)
+_EVENTS_AT_ONCE: Final = 32  # parts of a request that are read between two looks at the read budget (guess)
 
 _logger = logging.getLogger(__name__)
 
@@ -64,6 +88,7 @@ class HttpConnection(Connection):
     """
 
     for_browsers = True  # HTTP is all that a browser sends; the headers of a request show whether it is from a page
+    outlives_client = False
     max_body = 4 * 1024 * 1024
 
     def __init__(self, server: PortServer) -> None:
@@ -71,11 +96,24 @@ class HttpConnection(Connection):
         self._http = h11.Connection(h11.SERVER)
         self._request: h11.Request | None = None
         self._body = bytearray()
+        self._chunks = 0
         self._waiting = False  # for the answer to a request
+        self._next: asyncio.Handle | None = None  # looks at what else was received
+
+    @abstractmethod
+    def admit(self, request: Request) -> None:
+        """Check who sends a request, before anything else. Raises HttpError."""
+
+    @abstractmethod
+    def methods(self, path: str) -> Collection[str]:
+        """The methods at a path, without HEAD and OPTIONS. Raises HttpError if nothing is served there."""
 
     @abstractmethod
     def answer(self, request: Request) -> Response | None:
-        """Return the answer, or None if ``reply`` is called later. Raises HttpError."""
+        """Return the answer, or None if ``reply`` is called later. Its method is one of ``methods``; HEAD is GET.
+
+        Raises HttpError.
+        """
 
     @abstractmethod
     def refusal(self, status: int, text: str) -> Any:
@@ -85,22 +123,24 @@ class HttpConnection(Connection):
         """Answer the pending request and continue with the next one."""
         self._waiting = False
         self._send(response)
-        self._proceed()
+        self._continue()
 
     def begin_response(self, status: int, headers: Mapping[str, str]) -> None:
         """Start the answer to the pending request; ``send_part`` continues and ``end_response`` completes it."""
-        self.send(self._http.send(h11.Response(status_code=status, headers=list(headers.items()))) or b"")
+        response = h11.Response(status_code=status, headers=_with_defaults(headers))
+        self.send(self._http.send(response) or b"")
 
     def send_part(self, content: bytes) -> None:
-        """Send the next part of the answer."""
-        self.send(self._http.send(h11.Data(data=content)) or b"")
+        """Send the next part of the answer; its size must have been stated, or the answer have no end."""
+        if not self.head_only:
+            self.send(self._http.send(h11.Data(data=content)) or b"")
 
     def end_response(self) -> None:
         """Complete the answer and continue with the next request."""
         self.send(self._http.send(h11.EndOfMessage()) or b"")
         self._waiting = False
         self._next_cycle()
-        self._proceed()
+        self._continue()
 
     def refuse(self, error: HttpError) -> Response:
         """Return the answer to a request that is refused."""
@@ -111,39 +151,75 @@ class HttpConnection(Connection):
         """Whether a request has not been answered yet."""
         return self._waiting
 
+    @property
+    def head_only(self) -> bool:
+        """Whether the present request is for the headers of an answer."""
+        return self._request is not None and self._request.method == b"HEAD"
+
+    def lost(self) -> None:
+        if self._next is not None:
+            self._next.cancel()
+
     def received(self, data: bytes) -> None:
-        self._feed(data)
-        self._proceed()
+        if self._http.their_state is not h11.ERROR:
+            self._http.receive_data(data)
+        if len(self._http.trailing_data[0]) > _MAX_AHEAD:
+            self.too_far_ahead()
+
+    def too_far_ahead(self) -> None:
+        """Called when a client has sent many further requests: the rest waits in the system's buffers."""
+        self.read_on(False)
 
     def at_end(self) -> bool:
         """A client that closes its sending side no longer waits for an answer."""
-        self._feed(b"")
         return False
 
-    def _feed(self, data: bytes) -> None:
-        if self._http.their_state is not h11.ERROR:
-            self._http.receive_data(data)
+    @property
+    def has_work(self) -> bool:
+        return super().has_work or (not self._waiting and bool(self._http.trailing_data[0]))
 
-    def _proceed(self) -> None:
-        """Handle the complete requests one after the other."""
-        while not self._waiting:
+    def work(self) -> None:
+        """Read what was received, up to the end of one request."""
+        super().work()
+        for _ in range(_EVENTS_AT_ONCE):
+            if self._waiting or not self.is_open:
+                return
             try:
                 event = self._http.next_event()
-            except h11.RemoteProtocolError as error:
-                self._send(self.refuse(HttpError(error.error_status_hint, str(error))))
+                if event is h11.NEED_DATA or event is h11.PAUSED or isinstance(event, h11.ConnectionClosed):
+                    self.read_on(True)
+                    return
+                self._handle(event)
+            except (h11.RemoteProtocolError, HttpError) as error:
+                status = error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else error.status
+                self._send(self.refuse(HttpError(status, str(error), _LAST)))
                 self.hang_up()
                 return
-            if event is h11.NEED_DATA or event is h11.PAUSED or isinstance(event, h11.ConnectionClosed):
-                return
-            self._handle(event)
+            if isinstance(event, h11.EndOfMessage):
+                break
+        self._continue()
+
+    def _continue(self) -> None:
+        """Serve what else was received, after others had their turn."""
+        if self._next is None and self.has_work and self.is_open:
+            self._next = asyncio.get_running_loop().call_soon(self._serve_next)
+
+    def _serve_next(self) -> None:
+        self._next = None
+        if not self._stalls:
+            self.serve()
 
     def _handle(self, event: Any) -> None:
         if isinstance(event, h11.Request):
-            self._request, self._body = event, bytearray()
+            self._request, self._body, self._chunks = event, bytearray(), 0
             if self._http.they_are_waiting_for_100_continue:
                 self.send(self._http.send(h11.InformationalResponse(status_code=CONTINUE, headers=[])) or b"")
-        elif isinstance(event, h11.Data) and len(self._body) <= self.max_body:
-            self._body += event.data
+        elif isinstance(event, h11.Data):
+            self._chunks += event.chunk_start
+            if self._chunks > _MAX_CHUNKS:
+                raise HttpError(TOO_LARGE, f"the body has more than {_MAX_CHUNKS} chunks: send larger ones")
+            if len(self._body) <= self.max_body:
+                self._body += event.data
         elif isinstance(event, h11.EndOfMessage):
             response = self._outcome(self._answer)
             self._waiting = response is None
@@ -152,11 +228,26 @@ class HttpConnection(Connection):
 
     def _answer(self) -> Response | None:
         assert self._request is not None
+        method, target = self._request.method.decode(), from_bytes(self._request.target)
         headers = {name.decode(): from_bytes(value) for name, value in self._request.headers}
-        path, _, query = from_bytes(self._request.target).partition("?")
+        if target.startswith(_ABSOLUTE):  # overrides the header
+            _, _, target = target.partition("://")
+            headers["host"], _, target = target.partition("/")
+            target = f"/{target}"
+        path, _, query = target.partition("?")
+        request = Request("GET" if method == "HEAD" else method, path, query, headers, bytes(self._body))
+        self.admit(request)
         if len(self._body) > self.max_body:
             raise HttpError(TOO_LARGE, f"the body has more than {self.max_body} bytes")
-        return self.answer(Request(self._request.method.decode(), path, query, headers, bytes(self._body)))
+        if (method, path) == ("OPTIONS", "*"):
+            return Response(NO_CONTENT, b"")
+        there = self.methods(path)
+        allowed = ", ".join(sorted({*there, "OPTIONS", *(["HEAD"] if "GET" in there else [])}))
+        if method == "OPTIONS":
+            return Response(NO_CONTENT, b"", {"Allow": allowed})
+        if request.method not in there:
+            raise HttpError(NOT_ALLOWED, f"{method[:20]} is not allowed here: use {allowed}", {"Allow": allowed})
+        return self.answer(request)
 
     def _outcome(self, work: Callable[[], Response | None]) -> Response | None:
         try:
@@ -164,7 +255,8 @@ class HttpConnection(Connection):
         except HttpError as error:
             return self.refuse(error)
         except Exception as error:
-            _logger.exception("%s: a request failed", self.server.name)
+            if self.server.reported.is_new(error):
+                _logger.exception("%s: a request failed", self.server.name)
             return self.refuse(HttpError(FAILED, f"the request failed because of a bug in the emulator: {error}"))
 
     def _send(self, response: Response) -> None:
@@ -173,9 +265,11 @@ class HttpConnection(Connection):
         raw = isinstance(response.content, bytes)
         body = response.content if raw else as_json(response.content)
         headers = {"Content-Type": JSON, "Content-Length": str(len(body)), **response.headers}
+        if response.status == NO_CONTENT:
+            del headers["Content-Type"], headers["Content-Length"]
         events = (
-            h11.Response(status_code=response.status, headers=list(headers.items())),
-            h11.Data(data=body),
+            h11.Response(status_code=response.status, headers=_with_defaults(headers)),
+            h11.Data(data=b"" if self.head_only else body),
             h11.EndOfMessage(),
         )
         self.send(b"".join(self._http.send(event) or b"" for event in events))
@@ -186,6 +280,10 @@ class HttpConnection(Connection):
             self._http.start_next_cycle()
         except h11.LocalProtocolError:  # the request was invalid, or the client asked to close the connection
             self.hang_up()
+
+
+def _with_defaults(headers: Mapping[str, str]) -> list[tuple[str, str]]:
+    return list({"Date": time.strftime(_DATE, time.gmtime()), **_HEADERS, **headers}.items())
 
 
 def as_json(content: Any) -> bytes:

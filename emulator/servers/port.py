@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 from emulator.commands.requests import ServingFailed
+from emulator.logs import ReportedErrors
 from emulator.mailbox import Command
 from emulator.servers.admission import Acceptor, ClientLimits, Reason, RejectedClients
 from emulator.servers.connection import SEND_BUFFER, Connection
@@ -51,7 +52,8 @@ class PortServer:
     """Listens on one port and owns the connections to it.
 
     limits: maximum number of connections. turned_away: counts of clients that were rejected. read_budget and
-    send_scheduler: limit the time spent on reading from clients and on sending state to them.
+    send_scheduler: limit the time spent on reading from clients and on sending state to them. reported: the bugs that
+    the log has described.
     """
 
     def __init__(self, name: str, controller: ServedController) -> None:
@@ -62,6 +64,7 @@ class PortServer:
         self.turned_away = RejectedClients(name)
         self.read_budget = ReadBudget()
         self.send_scheduler = SendScheduler()
+        self.reported = ReportedErrors()
         self.connections: list[Connection] = []
         self._clients: dict[Connection, str] = {}  # with their addresses, including those that are being accepted
         self._accepting: set[asyncio.Task[object]] = set()

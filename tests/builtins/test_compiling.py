@@ -6,6 +6,7 @@ import pytest
 
 from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.programs import compiling
+from emulator.workshare import WORK_PER_SECOND
 from urproto.modes import RuntimeState
 
 BLOCK = '  if a > {n}:\n    a = a - {n}\n    textmsg("{n} ", [a, {n}, 3])\n  end\n'
@@ -38,7 +39,7 @@ def counting(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 @pytest.mark.parametrize(("model", "period"), [("ur5e", 0.002), ("ur5", 0.008)])
 def test_compiling_work_per_period_is_limited(make_rig, monkeypatch, model, period):
     rig = make_rig(model, None)
-    share = compiling.WORK_PER_SECOND * period
+    share = WORK_PER_SECOND * period
     prices = counting(monkeypatch)
     rig.submit(long_script(f"paced_{model}"))
     done, periods = [sum(prices)], 0

@@ -11,10 +11,12 @@ from emulator.io.signals import RegisterBank, Signals
 from emulator.lifecycle.runstate import Speed
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
-from emulator.robot.installation import Installation, InstallationError, Payload
+from emulator.robot.installation import Installation, Payload
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RequestValueMessage, TextMessage
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
+from urscript.polyscope.document import DocumentError
+from urscript.polyscope.installation_file import load_installation_file
 
 # registers
 
@@ -170,7 +172,8 @@ def test_installation_file_sets_tcp_and_payload(tmp_path, element):
         f"</availablePoses></{element}></Installation>"
     )
     installation = Installation()
-    installation.load(installation_file(tmp_path / "cell.installation", body))
+    path = installation_file(tmp_path / "cell.installation", body)
+    installation.apply(path, load_installation_file(path))
     assert installation.name == "cell.installation"
     assert installation.tcp == (0.0, 0.0, 0.1, 0.0, 0.0, 1.5)
     assert installation.payload.mass == 1.5
@@ -188,13 +191,11 @@ def test_installation_file_sets_tcp_and_payload(tmp_path, element):
         gzip.compress(b"<Installation/>" * 100, mtime=0)[:40],
     ],
 )
-def test_a_bad_installation_file_changes_nothing(tmp_path, content):
+def test_a_bad_installation_file_is_refused(tmp_path, content):
     path = tmp_path / "bad.installation"
     path.write_bytes(content)
-    installation = Installation()
-    with pytest.raises(InstallationError, match=r"bad\.installation"):
-        installation.load(path)
-    assert installation == Installation()
+    with pytest.raises(DocumentError):
+        load_installation_file(path)
 
 
 def test_payload_transition_ramps_and_a_later_call_wins():

@@ -16,8 +16,9 @@ from typing import Final
 from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
-from emulator.programs.compiling import LIBRARY_SET, Compiling, Submission, WorkShare
+from emulator.programs.compiling import LIBRARY_SET, Compiling, Submission
 from emulator.services.sockets import MemorySockets
+from emulator.workshare import WorkShare
 from urproto.robots import load_model
 from urproto.versions import DEFAULT_VERSION, Series
 from urscript import compiler

@@ -132,7 +132,7 @@ CODE = ("program", "programContent", "children", 5)
         (b"{}", "program is not an object"),
         (b'{"program": {"x": NaN}}', "NaN"),
         (b"[" * 100_000, "not JSON"),
-        (b" " * (5 << 20), "more than 4 MiB"),
+        (b" " * (5 << 20), "a program may have 1,048,576"),
         (_changed(*INFORMATION, value=None), "programInformation is not an object"),
         (_changed(*INFORMATION, "name", value=7), "name is not text"),
         (_changed(*INFORMATION, "name", value=" "), "name is empty"),

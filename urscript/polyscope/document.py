@@ -6,6 +6,7 @@ nodes can be moved, copied and deleted; `write_document` computes the paths agai
 """
 
 import gzip
+import itertools
 import re
 import zlib
 from collections.abc import Iterator, Sequence
@@ -15,11 +16,17 @@ from xml.parsers import expat
 from urscript.work import Steps, run_to_end
 
 _GZIP: Final = b"\x1f\x8b"
-_PIECE: Final = 4096  # bytes of XML read in one step: well under a millisecond
-_PIECE_WORK: Final = 200  # guess [units of `urscript.work`]
-_MAX_BYTES: Final = 16 << 20  # of XML; the largest of 643 public programs has 3.3 MB
-_MAX_ELEMENTS: Final = 1_000_000
+_PIECE: Final = 2048  # bytes of XML read in one step: a millisecond even if all of them are tags
+_PIECE_WORK: Final = 20  # [units of `urscript.work`], and for each tag in it, and for each kB of an unfinished one:
+_TAG_WORK: Final = 4  # measured: 3.5 microseconds for an empty element
+_SCAN_WORK: Final = 3  # measured: 2 microseconds
+_ATTRIBUTE: Final = re.compile(rb"=\s*[\"']")
+_MAX_BYTES: Final = 8 << 20  # of XML; the largest of 643 public programs has 3.3 MB
+_MAX_ELEMENTS: Final = 60_000  # guess; freeing a program of so many takes Python 40 ms
+_MAX_TAG: Final = 1 << 20  # bytes, with its attributes
+_MAX_ATTRIBUTES: Final = 1000  # of a tag
 _MAX_DEPTH: Final = 200
+_AT_ONCE: Final = 64  # elements that are freed between two yields
 _MAX_REFERENCES: Final = 20  # references that lead to references
 _REFERENCE: Final = "reference"
 _STEP: Final = re.compile(r"([^\[\]]+)(?:\[([0-9]{1,9})\])?")
@@ -36,7 +43,7 @@ class Element:
     end tag, as XStream writes empty text. parent: where it was read, or first inserted.
     """
 
-    __slots__ = ("attributes", "children", "open", "parent", "shared", "tag", "text")
+    __slots__ = ("_by_tag", "attributes", "children", "open", "parent", "shared", "tag", "text")
 
     def __init__(self, tag: str, attributes: dict[str, str], parent: "Element | None") -> None:
         self.tag = tag
@@ -46,6 +53,7 @@ class Element:
         self.text = ""
         self.open = False
         self.shared: Element | None = None
+        self._by_tag: tuple[int, dict[str, list[Element]]] = (0, {})  # the first so many children
 
     def __iter__(self) -> Iterator["Element"]:
         return iter(self.children)
@@ -95,6 +103,8 @@ class Element:
         raise DocumentError(f"<{self.tag}> refers to itself")
 
     def _follow(self, path: str) -> "Element":
+        if path.count("/") > 2 * _MAX_DEPTH:
+            raise DocumentError(f"<{self.tag}> refers to {path[:40]}..., which does not exist")
         element: Element | None = self
         for step in path.split("/"):
             assert element is not None
@@ -108,74 +118,119 @@ class Element:
         match = _STEP.fullmatch(step)
         if match is None:
             return None
-        same = [child for child in self.children if child.tag == match[1]]
+        same = self._children_of(match[1])
         index = int(match[2] or 1) - 1
         return same[index] if 0 <= index < len(same) else None
 
+    def _children_of(self, tag: str) -> "list[Element]":
+        """The children with a tag, from an index: many elements may refer to the same ones."""
+        count, index = self._by_tag
+        if count != len(self.children):
+            index = {}
+            for child in self.children:
+                index.setdefault(child.tag, []).append(child)
+            self._by_tag = len(self.children), index
+        return index.get(tag, [])
 
-def read_document(data: bytes) -> Element:
-    """The root of a file, compressed or not. Raises DocumentError."""
-    return run_to_end(read_steps(data))
+
+def read_document(data: bytes, max_elements: int = _MAX_ELEMENTS) -> Element:
+    """The root of a file, compressed or not. Raises DocumentError, also for a file beyond the limits."""
+    return run_to_end(read_steps(data, max_elements))
 
 
-def read_steps(data: bytes) -> Steps[Element]:
+def read_steps(data: bytes, max_elements: int = _MAX_ELEMENTS) -> Steps[Element]:
     """Like `read_document`, in pieces that each take well under a millisecond."""
     parser = expat.ParserCreate()
-    builder = _Builder(parser)
+    builder = _Builder(parser, max_elements)
+    try:
+        yield from _read(data, parser, builder)
+    except DocumentError:
+        yield from _take_apart(builder.root)
+        raise
+    assert builder.root is not None
+    return builder.root
+
+
+def _take_apart(root: Element | None) -> Steps[None]:
+    """Free a tree that is not needed: the garbage collector would do it in one go."""
+    waiting = [] if root is None else [root]
+    for count in itertools.count(1):
+        if not waiting:
+            return
+        element = waiting.pop()
+        waiting += element.children
+        element.children, element.parent = [], None
+        if count % _AT_ONCE == 0:
+            yield _AT_ONCE
+
+
+def _read(data: bytes, parser: expat.XMLParserType, builder: "_Builder") -> Steps[None]:
+    """Feed the bytes of a file to the parser.
+
+    Expat reads an unfinished tag from its beginning again whenever it gets more of it. So the pieces of a tag are
+    collected until one contains a character that can end it.
+    """
+    if (defer := getattr(parser, "SetReparseDeferralEnabled", None)) is not None:
+        defer(False)  # otherwise the elements after a long tag could wait, and be read in one go
     parser.buffer_text = True
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.characters
     parser.StartDoctypeDeclHandler = _refuse_doctype
-    size, enough, pending = 0, _PIECE, bytearray()
+    size, pending, in_tag = 0, bytearray(), False
+    unfinished, attributes = 0, 0  # bytes and attributes since the last event
     try:
         for piece in _pieces(data):
             size += len(piece)
+            unfinished += len(piece)
+            attributes += len(_ATTRIBUTE.findall(piece))
             if size > _MAX_BYTES:
                 raise DocumentError(f"more than {_MAX_BYTES >> 20} MiB of XML")
+            if unfinished > _MAX_TAG:
+                raise DocumentError(f"a tag or comment of more than {_MAX_TAG >> 20} MiB")
+            if attributes > _MAX_ATTRIBUTES:
+                raise DocumentError(f"a tag with more than {_MAX_ATTRIBUTES} attributes")
             pending += piece
             builder.source += piece
-            if len(pending) >= enough:
+            yield _PIECE_WORK + _TAG_WORK * piece.count(b"<") + _SCAN_WORK * (unfinished >> 10)
+            opened, closed = piece.rfind(b"<"), piece.rfind(b">")
+            in_tag = opened > closed or (in_tag and closed < 0)
+            if not in_tag or closed >= 0:
                 seen = builder.events
                 parser.Parse(bytes(pending), False)
                 pending.clear()
-                # within a long attribute expat begins anew with every piece
-                enough = _PIECE if builder.events > seen else 2 * enough
-            yield _PIECE_WORK
+                if builder.events > seen:
+                    unfinished = attributes = 0
         parser.Parse(bytes(pending), True)
     except expat.ExpatError as error:
         raise DocumentError(f"not XML: {error}") from error
     except (zlib.error, ValueError) as error:
         raise DocumentError(str(error)) from error
-    assert builder.root is not None
-    return builder.root
 
 
 def _pieces(data: bytes) -> Iterator[bytes]:
+    parts = (data[start : start + _PIECE] for start in range(0, len(data), _PIECE))
     if not data.startswith(_GZIP):
-        for start in range(0, len(data), _PIECE):
-            yield data[start : start + _PIECE]
+        yield from parts
         return
     unpacking = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)
-    rest = data
-    while rest and not unpacking.eof:
-        piece = unpacking.decompress(rest, _PIECE)
-        rest = unpacking.unconsumed_tail
-        if not piece and not unpacking.eof and not rest:
-            break
-        yield piece
+    for part in parts:
+        rest = part
+        while not unpacking.eof and (piece := unpacking.decompress(rest, _PIECE)):
+            rest = unpacking.unconsumed_tail
+            yield piece
     if not unpacking.eof:
         raise DocumentError("the compressed file is incomplete")
 
 
-def unpacked(data: bytes) -> bytes:
+def unpacked(data: bytes, max_bytes: int = _MAX_BYTES) -> bytes:
     """The content of a file, compressed or not. Raises DocumentError."""
     content = bytearray()
     try:
         for piece in _pieces(data):
             content += piece
-            if len(content) > _MAX_BYTES:
-                raise DocumentError(f"more than {_MAX_BYTES >> 20} MiB")
+            if len(content) > max_bytes:
+                raise DocumentError(f"more than {max_bytes >> 20} MiB")
     except zlib.error as error:
         raise DocumentError(str(error)) from error
     return bytes(content)
@@ -188,7 +243,8 @@ def _refuse_doctype(*_: Any) -> None:
 class _Builder:
     """Builds the tree of elements. source: the bytes read, which tell the two forms of an empty element apart."""
 
-    def __init__(self, parser: expat.XMLParserType) -> None:
+    def __init__(self, parser: expat.XMLParserType, max_elements: int) -> None:
+        self._max_elements = max_elements
         self.root: Element | None = None
         self.source = bytearray()
         self._parser = parser
@@ -202,8 +258,10 @@ class _Builder:
         self.events += 1
         self._count += 1
         self._depth += 1
-        if self._count > _MAX_ELEMENTS:
-            raise DocumentError(f"more than {_MAX_ELEMENTS} elements")
+        if self._count > self._max_elements:
+            raise DocumentError(f"more than {self._max_elements} elements")
+        if len(attributes) > _MAX_ATTRIBUTES:
+            raise DocumentError(f"<{tag[:40]}> has more than {_MAX_ATTRIBUTES} attributes")
         if self._depth > _MAX_DEPTH:
             raise DocumentError(f"elements are nested more than {_MAX_DEPTH} deep")
         self._put_text()

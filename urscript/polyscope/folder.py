@@ -1,13 +1,44 @@
-"""The programs folder. A path named by a client or a file leads into this folder, or is not found."""
+"""The programs folder. A path named by a client or a file leads into this folder, or is not found.
+
+Files are read here and nowhere else, because a robot reads them between two control periods: a file that is too large
+is refused before any of it is read.
+"""
 
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 from urproto.text import from_bytes
+from urscript.polyscope.document import DocumentError
 
 ROOTS: Final = ("/ursim/programs", "/programs", "/root/programs")  # its paths in clients and files
 _PROGRAMS: Final = "programs"
-_LARGEST: Final = 16 << 20  # bytes of a file named by a program
+MAX_FILE_BYTES: Final = 4 << 20
+"""Largest file of the programs folder [bytes]. A guess: the largest public program has 0.3 MB, unpacked 3.3 MB."""
+
+
+class FileTooLargeError(OSError):
+    """A file of the programs folder exceeds the limit."""
+
+
+def read_file(path: Path) -> bytes:
+    """The content of a file of the programs folder. Raises OSError."""
+    with path.open("rb") as file:
+        content = b""
+        size = path.stat().st_size
+        if size <= MAX_FILE_BYTES:
+            content = file.read(MAX_FILE_BYTES + 1)  # it may grow meanwhile
+            size = len(content)
+    if size > MAX_FILE_BYTES:
+        raise FileTooLargeError(
+            f"{path.name} has {size:,} bytes, and a file of the programs folder may have {MAX_FILE_BYTES:,}: "
+            "split it, or remove what it does not need"
+        )
+    return content
+
+
+def read_text(path: Path) -> str:
+    """The content of a text file of the programs folder. Raises OSError."""
+    return from_bytes(read_file(path)).removeprefix("\ufeff")
 
 
 class ProgramsFolder:
@@ -58,11 +89,12 @@ class ProgramsFolder:
         return next((path for name in names if name and (path := self.find(f"{name}.installation"))), None)
 
     def text(self, name: str) -> str | None:
-        """Text of a file; None when it does not exist."""
+        """Text of a file; None when it does not exist. Raises DocumentError for one that cannot be read."""
         path = self.find(name)
-        if path is None or path.stat().st_size > _LARGEST:
-            return None
-        return from_bytes(path.read_bytes()).removeprefix("\ufeff")
+        try:
+            return None if path is None else read_text(path)
+        except OSError as error:
+            raise DocumentError(f"{name} cannot be read: {error.strerror or error}") from error
 
 
 def _relative(name: str) -> PurePosixPath | None:

@@ -113,7 +113,7 @@ def script_steps(
     writer = yield from write_steps(
         tree, installation, version=version, external_control=external_control, start_at=start_at
     )
-    return writer.text()
+    return (yield from writer.text_steps())
 
 
 def write_steps(

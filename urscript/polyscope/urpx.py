@@ -9,7 +9,7 @@ Format: ``.urpx`` files of the vendor's C++ and ROS 2 repositories (PolyScope 10
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,9 +18,13 @@ from urscript.polyscope.document import Element, make
 from urscript.polyscope.outline import OutlineNode
 from urscript.polyscope.saved_script import SavedScript
 from urscript.polyscope.tree import ProgramTree, TreeError
+from urscript.work import Steps
 
 SUFFIX: Final = ".urpx"
-_LARGEST: Final = 4 << 20  # bytes, the same as for an upload
+_LARGEST: Final = 1 << 20  # bytes: JSON is read in one go; public programs have some 10 kB
+_MAX_NODES: Final = 5000  # converted in one go (guess)
+URPX_BYTES_PER_WORK: Final = 10
+"""Bytes of a file that are read with one unit of `urscript.work`."""
 _MAX_DEPTH: Final = 60  # nesting of nodes, as in older programs
 _NIL: Final = "00000000-0000-0000-0000-000000000000"
 _FINAL: Final = "FINAL"
@@ -133,7 +137,8 @@ class _Application(SavedScript):
         super().__init__([], {})
         self._script = script
 
-    def used_by(self, program: str) -> list[str]:
+    def used_by(self, program: Sequence[str]) -> Steps[list[str]]:
+        yield from ()
         return [f"  {line}" for line in lines(self._script)]
 
 
@@ -150,7 +155,7 @@ def read_urpx(data: bytes) -> Urpx:
         raise UrpxError("program.urscript.nodeIDList is not a list")
     numbers = {guid: number for number, guid in enumerate(ids) if isinstance(guid, str) and guid != _NIL}
     installed = _object(application.get("urscript") or {}, "application.urscript")
-    root = _node(content, numbers, 0)
+    root = _node(content, numbers, iter(range(_MAX_NODES)), 0)
     if root.type != _ROOT:
         raise UrpxError(f"the program begins with {root.type!r}, not with {_ROOT}")
     for part in root.children:
@@ -172,7 +177,7 @@ def read_information(data: bytes) -> UrpxInformation:
 
 def _parts(data: bytes) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     if len(data) > _LARGEST:
-        raise UrpxError(f"more than {_LARGEST >> 20} MiB")
+        raise UrpxError(f"it has {len(data):,} bytes, and a program may have {_LARGEST:,}")
     try:
         document = json.loads(from_bytes(data).removeprefix("\ufeff"), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
@@ -223,7 +228,10 @@ def _text(found: Mapping[str, Any], key: str, where: str) -> str:
     return value or ""
 
 
-def _node(value: Any, numbers: Mapping[str, int], depth: int) -> Node:
+def _node(value: Any, numbers: Mapping[str, int], room: Iterator[int], depth: int) -> Node:
+    """The node and those below it. room: has an element for each node that the program may still have."""
+    if next(room, None) is None:
+        raise UrpxError(f"more than {_MAX_NODES} nodes")
     if depth > _MAX_DEPTH:
         raise UrpxError(f"nodes are nested more than {_MAX_DEPTH} deep")
     found = _object(value, "a node")
@@ -236,7 +244,7 @@ def _node(value: Any, numbers: Mapping[str, int], depth: int) -> Node:
     return Node(
         kind,
         _object(contributed.get("parameters") or {}, f"parameters of {kind}"),
-        tuple(_node(child, numbers, depth + 1) for child in children),
+        tuple(_node(child, numbers, room, depth + 1) for child in children),
         _label(kind, found.get("programLabel")),
         guid,
         numbers.get(guid, 0),
