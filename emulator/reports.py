@@ -8,34 +8,38 @@ e-Series dashboard manual.
 import tempfile
 import zipfile
 from calendar import isleap, monthrange
+from collections.abc import Generator
+from io import BytesIO
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from emulator.machine import Machine
-from urproto.text import READABLE, readable, strip, to_bytes
+from urproto.durable import replacing, writing
+from urproto.text import readable, strip, to_bytes
+
+_T = TypeVar("_T")
+Waiting = Generator[None, None, _T]  # yields once per control period, and returns when the disk has the file
 
 _FLIGHT_REPORTS: Final = ("controller", "software", "system")
 _FLIGHT_REPORT: Final = "flightreport_"  # followed by its id: beginning of a file name
 _CRASH: Final = "crash_"  # likewise
 
 
-def write_log(machine: Machine) -> Path:
+def write_log(machine: Machine) -> Waiting[None]:
     """Write the log. Raises OSError when it cannot be written."""
-    path = _directory(machine) / "log_history.txt"
-    path.write_text(_log(machine), "utf-8", READABLE)
-    return path
+    yield from writing(_directory(machine) / "log_history.txt", readable(_log(machine)))
 
 
-def write_flight_report(machine: Machine, kind: str) -> str:
+def write_flight_report(machine: Machine, kind: str) -> Waiting[str]:
     """Write a report and return its id. Raises ValueError for an unknown kind, OSError."""
     if kind.lower() not in _FLIGHT_REPORTS:
         raise ValueError(f"unknown report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
     report_id = f"{machine.serial_number}_{machine.step_count}_{kind.lower()}"
-    (_directory(machine) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(machine), "utf-8", READABLE)
+    yield from writing(_directory(machine) / f"{_FLIGHT_REPORT}{report_id}.txt", readable(_summary(machine)))
     return report_id
 
 
-def write_support_file(machine: Machine, directory: str) -> Path:
+def write_support_file(machine: Machine, directory: str) -> Waiting[Path]:
     """Write log, state, all flight and crash reports to a zip file, after creating a new flight report of the system.
 
     Raises ValueError for a directory outside the programs directory, OSError.
@@ -44,13 +48,15 @@ def write_support_file(machine: Machine, directory: str) -> Path:
     target = (root / strip(directory).lstrip("/")).resolve()
     if not target.is_relative_to(root.resolve()) or not target.is_dir():
         raise ValueError(f"{directory!r} is not a directory below the programs directory")
-    write_flight_report(machine, "system")
+    yield from write_flight_report(machine, "system")
     path = target / f"ur_{machine.serial_number}_{_date_and_time(machine.wall_clock_ns // 1_000_000_000)}.zip"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    content = BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("log_history.txt", readable(_log(machine)))
         archive.writestr("state.txt", readable(_summary(machine)))
         for report in sorted((*root.glob(f"{_FLIGHT_REPORT}*.txt"), *root.glob(f"{_CRASH}*.zip"))):
             archive.write(report, readable(report.name))
+    yield from writing(path, content.getvalue())
     return path
 
 
@@ -63,7 +69,7 @@ def write_crash(machine: Machine, source: str | None, stage: str, trace: str) ->
     arm = f"dynamic arm, seed {config.seed}" if config.dynamic else "ideal arm"
     about = f"{_head(machine)}{arm}\nuptime {machine.time_s:.3f} s, control period {machine.step_count}\n"
     path = _directory(machine) / f"{_CRASH}{machine.serial_number}_{machine.step_count}.zip"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    with replacing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("traceback.txt", readable(f"while {stage}\n{trace}"))
         archive.writestr("about.txt", readable(f"{about}{config}\n"))
         archive.writestr("state.txt", readable(_summary(machine)))

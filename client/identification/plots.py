@@ -8,6 +8,7 @@ import numpy as np
 from client.errors import RecordingError
 from client.identification.fidelity import UNITS, Fidelity
 from client.recording.extras import extra
+from urproto.durable import replacing
 from urproto.joints import JOINT_LABELS
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
@@ -45,6 +46,7 @@ def draw(result: Fidelity, path: Path, title: str) -> None:
     figure.subplots_adjust(left=0.08, right=0.98, bottom=0.05, top=0.93, wspace=0.2, hspace=0.12)
     figure.suptitle(title.replace("$", r"\$"), fontsize=10)
     try:
-        figure.savefig(path, dpi=_DPI)
+        with replacing(path) as file:
+            figure.savefig(file, dpi=_DPI, format=path.suffix[1:])
     except OSError as error:
         raise RecordingError(f"cannot write {path}: {error.strerror}") from error

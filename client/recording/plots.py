@@ -14,6 +14,7 @@ from client.errors import RecordingError
 from client.recording.extras import extra
 from client.recording.recording import Recording
 from client.recording.tracking import Tracking
+from urproto.durable import replacing, write_file
 from urproto.joints import JOINT_LABELS, JOINT_NAMES
 from urproto.modes import SafetyMode, mode_name
 
@@ -100,9 +101,10 @@ def draw(
         with rc_context(_STYLE):
             figure = _figure(Figure, picture, title)
             if path.suffix.lower() == ".html":
-                path.write_text(_page(picture, figure, title), encoding="utf-8")
+                write_file(path, _page(picture, figure, title))
             else:
-                figure.savefig(path, dpi=_DPI)
+                with replacing(path) as file:
+                    figure.savefig(file, dpi=_DPI, format=path.suffix[1:])
     except OSError as error:
         raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
@@ -125,7 +127,8 @@ def draw_trajectory(time_s: NDArray[Any], q: NDArray[Any], qd: NDArray[Any], pat
         every[0].legend(ncols=3)
         every[1].set_xlabel("time [s]")
         try:
-            figure.savefig(path, dpi=_DPI)
+            with replacing(path) as file:
+                figure.savefig(file, dpi=_DPI, format=path.suffix[1:])
         except OSError as error:
             raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 

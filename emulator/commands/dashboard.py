@@ -14,7 +14,7 @@ import inspect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 from emulator import reports
 from emulator.controller import Controller
@@ -31,6 +31,7 @@ from urproto.text import lower, strip
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.folder import ProgramsFolder
 
+_T = TypeVar("_T")
 _Waiting = Generator[None, None, str]
 _Answer = str | _Waiting
 
@@ -396,32 +397,23 @@ def get_robot_model(controller: Controller) -> str:
 
 
 @command("generate flight report")
-def generate_flight_report(controller: Controller, kind: str) -> str:
+def generate_flight_report(controller: Controller, kind: str) -> _Waiting:
     """Write a flight report (controller, software or system, the default) to the programs directory."""
-    return _written(
-        "generate flight report",
-        lambda: f"Flight Report generated with id: {reports.write_flight_report(controller, kind or 'system')}",
-    )
+    steps = reports.write_flight_report(controller, kind or "system")
+    return _written("generate flight report", steps, lambda report_id: f"Flight Report generated with id: {report_id}")
 
 
 @command("generate support file")
-def generate_support_file(controller: Controller, directory: str) -> str:
+def generate_support_file(controller: Controller, directory: str) -> _Waiting:
     """Write log, state and all flight reports, including a new one, to a zip file in the programs directory."""
-    return _written(
-        "generate support file",
-        lambda: f"Completed successfully: {reports.write_support_file(controller, directory).name}",
-    )
+    steps = reports.write_support_file(controller, directory)
+    return _written("generate support file", steps, lambda path: f"Completed successfully: {path.name}")
 
 
 @command("saveLog")
-def save_log(controller: Controller) -> str:
+def save_log(controller: Controller) -> _Waiting:
     """Write the log to the programs directory."""
-
-    def save() -> str:
-        reports.write_log(controller)
-        return replies.LOG_SAVED
-
-    return _written("save log", save)
+    return _written("save log", reports.write_log(controller), lambda _: replies.LOG_SAVED)
 
 
 @command("shutdown")
@@ -441,10 +433,10 @@ def disconnect(controller: Controller) -> str:
 # Helpers
 
 
-def _written(action: str, write: Callable[[], str]) -> str:
-    """The reply of a function that writes a file, or why it failed."""
+def _written(action: str, steps: reports.Waiting[_T], reply: Callable[[_T], str]) -> _Waiting:
+    """The reply to a command that writes a file, or why it failed."""
     try:
-        return write()
+        return reply((yield from steps))
     except (OSError, ValueError) as error:
         return f"Failed to {action}: {error}"
 

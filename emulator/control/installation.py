@@ -1,6 +1,5 @@
 """Verbs about the installation file, for the teach pendant's Installation screen."""
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from emulator.controller import Controller
 from emulator.programs.compiling import in_periods
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.services.urcap import DriverAddress
+from urproto.durable import writing
 from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.installation_file import read_installation_document
@@ -99,7 +99,7 @@ class InstallationVerbs(Verbs):
             yield
             content = write_document(root)
             yield
-            _write(path, packed(content))
+            yield from _write(path, packed(content))
             controller.use_installation(path, file, section)
             if section == "external_control":  # overrides --external-control until the emulator is restarted
                 given = controller.config.external_control
@@ -143,11 +143,9 @@ def _check_program(controller: Controller, section: str, root: Element) -> None:
         raise SettingError(f"there is no program {row['file']} in the programs folder")
 
 
-def _write(path: Path, content: bytes) -> None:
+def _write(path: Path, content: bytes) -> Waiting[None]:
     """Replace the file, completely or not at all."""
-    new = path.with_name(f".{path.name}.new")
     try:
-        new.write_bytes(content)
-        os.replace(new, path)
+        yield from writing(path, content)
     except OSError as error:
         raise NotPossible(f"{path.name} cannot be saved: {error.strerror or error}") from error
