@@ -19,8 +19,6 @@ from typing import Any, Final
 
 _NEW: Final = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)  # Windows would translate line ends
 _YIELD_S: Final = 0.0003  # per control period; without it, many pass in virtual time until the disk is done
-    0.0003  # per control period: otherwise a robot in virtual time lets seconds pass before the disk is done
-)
 _SHOWN: Final = 40  # characters of a file's name that its temporary name repeats: names have a limit
 
 

@@ -264,7 +264,7 @@ def record_command(
         info = {"robot": robot_ip, "polyscope": str(robot.core.version), "rate_hz": f"{robot.core.rate_hz:g}"}
         recorder = opened.enter_context(Recorder(file, names, info))
         source, place = _describe_source(robot, names), recorder.place.name
-        typer.echo(f"recording {source} to {file}, until then {place}. Ctrl-C ends it.", err=True)
+        typer.echo(f"recording {source} to {file} ({place} until it ends). Ctrl-C ends it.", err=True)
         pictures = 0
 
         def write(state: Mapping[str, Any]) -> None:

@@ -217,7 +217,7 @@ async def _relay(routes: list[Route], recorder: TrafficRecorder | None) -> None:
         for name, port in proxy.ports.items():
             route = proxy.routes[name]
             typer.echo(f"{name}: {route.listen}:{port} -> {route.host}:{route.target}")
-        recording = f"Recording to {recorder.path}, until then {recorder.place.name}. " if recorder else ""
+        recording = f"Recording to {recorder.path} ({recorder.place.name} until it ends). " if recorder else ""
         typer.echo(f"{recording}Ctrl-C ends it.")
         await until_interrupted()
 
