@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 from fastapi import Response, WebSocket
 from fastapi.responses import PlainTextResponse, StreamingResponse
-from nicegui import app, ui
+from nicegui import Client, app, ui
 
 from client.errors import CameraError, PortTakenError
 from client.pendant import frame
@@ -58,7 +58,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     invalid_messages = InvalidMessages()
     screens = [screen.name for screen in SCREENS]
     app.add_middleware(
-        Gate, screens=screens, full=lambda limit: len(Live.pages) >= limit, invalid_messages=invalid_messages
+        Gate, screens=screens, full=lambda limit: len(Client.instances) >= limit, invalid_messages=invalid_messages
     )
     guard_events(invalid_messages)
     shorten_library_logs(invalid_messages)
