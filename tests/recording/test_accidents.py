@@ -97,9 +97,7 @@ def test_a_killed_recorder_loses_at_most_one_second(tmp_path: Path) -> None:
     """Even with few and small states, which do not fill a chunk or buffer for minutes."""
     paths = [tmp_path / f"run.unfinished{suffix}" for suffix in FORMATS]
     named = [str(tmp_path / f"run{suffix}") for suffix in FORMATS]
-    with subprocess.Popen(
-        [sys.executable, "-c", KILLED, *named], stdout=subprocess.PIPE, text=True
-    ) as killed:
+    with subprocess.Popen([sys.executable, "-c", KILLED, *named], stdout=subprocess.PIPE, text=True) as killed:
         assert killed.stdout
         last = 0.0
         while last < 12.0:
