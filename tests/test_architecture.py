@@ -152,9 +152,8 @@ FILE_WRITERS = {
 # module -> why it writes files without urproto.durable
 WRITES_FILES = {
     "urproto.durable": "it is the one that may",
-    "client.recording.plots": "matplotlib writes to a file of urproto.durable",
-    "client.identification.plots": "likewise",
-    "client.recording.tables": "numpy, likewise",
+    "client.recording.plots": "matplotlib writes to memory",
+    "client.recording.tables": "numpy writes to a file of urproto.durable",
     "emulator.campaign.journal": "Parquet, likewise; and a journal grows: each line is flushed, and a torn one removed",
     "client.lerobot.dataset": "Parquet writes in a folder of urproto.durable",
     "emulator.reports": "archives in memory or in a file of urproto.durable, and their temporary folder",

@@ -66,7 +66,7 @@ class ProgramVerbs(Verbs):
             raise BadArguments(f"data is not base64: {error}") from error
         if len(content) > _LARGEST:
             raise BadArguments(f"{path}: files must not exceed {_LARGEST >> 20} MiB")
-        return self._wait(self._saved(place, content, path))
+        return self._wait(self._stored(place, content, path))
 
     @verb
     def read_program(self, path: str) -> str:
@@ -91,7 +91,7 @@ class ProgramVerbs(Verbs):
             raise NotPossible(f"{path} cannot be deleted: {error.strerror or error}") from error
         return True
 
-    def _saved(self, place: Path, content: bytes, path: str) -> Waiting[str]:
+    def _stored(self, place: Path, content: bytes, path: str) -> Waiting[str]:
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
             yield from writing(place, content)
