@@ -13,7 +13,7 @@ JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # processes, and half of the time of each would go into compiling what the one before compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help emulator test long pages mutants soak bounded chaos fuzz cluster check wheel-check benchmarks docs site constraints clean
+.PHONY: help emulator test long pages mutants soak bounded chaos fuzz cluster check audit wheel-check benchmarks docs site constraints clean
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -42,13 +42,16 @@ mutants: $(VENV)/.dev ## bugs planted one at a time, and whether the tests find 
 
 # Thousands of random programs in virtual time, some minutes: the arm keeps its limits, no number makes the controller
 # fail, and no text or program takes more than half a control period. Then every test with random examples with twenty
-# times as many, and hostile robots against every part of the client. The tests run a few of each.
-soak: $(VENV)/.dev ## thousands of random programs and hostile robots, an hour
+# times as many, and hostile robots against every part of the client. The tests run a few of each. At last, two hours of
+# everyday use, with bounds on the memory of emulator, pendant and client.
+HOURS ?= 2
+soak: $(VENV)/.dev ## thousands of random programs and hostile robots, then HOURS=2 of use: three hours
 	RANDOM_PROGRAMS=10000 RANDOM_EXTREMES=2000 RANDOM_COSTS=2000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 \
 		tests/motion/test_random_programs.py tests/fuzzing
 	EXAMPLES=20 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 -m hypothesis
 	HOSTILE_ROBOTS=4000 $(BIN)/python -m pytest --timeout 0 tests/client/test_hostile_robots.py \
 		tests/ros2/test_hostile_robots.py
+	$(BIN)/python benchmarks/chaos.py --hours $(HOURS) mixed
 
 # What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.
 bounded: $(VENV)/.dev ## every command, verb, request and hostile file, against a bare loop: an hour
@@ -80,6 +83,12 @@ check: $(VENV)/.dev ## ruff, mypy and the other static checks
 	$(BIN)/check-jsonschema --quiet --builtin-schema vendor.gitlab-ci --data-transform gitlab-ci examples/ci/.gitlab-ci.yml
 	$(BIN)/zizmor --offline --quiet --no-progress . examples/ci/.github
 	@echo "make check: all clean"
+
+# Known vulnerabilities of the packages in constraints.txt, from the index's advisories. Strict: a package about which it
+# gets no answer, as without a network, is an error and not a package without vulnerabilities.
+audit: | $(VENV)/bin/python ## known vulnerabilities of the packages in constraints.txt
+	$(BIN)/python -m pip install --quiet pip-audit
+	$(BIN)/pip-audit --strict --disable-pip --progress-spinner off --vulnerability-service pypi --requirement constraints.txt
 
 # The wheel installs into a clean environment and is not confused by namesakes in the current folder.
 wheel-check: $(VENV)/.dev ## the wheel and the source archive, in a clean environment

@@ -6,7 +6,8 @@ addresses of its own, and ends the processes that it started, no others. The exi
 - no client that behaves loses a package, whatever else happens;
 - no traceback in what any process prints;
 - every arm whose driver was killed or stopped stands within 1.2 s of robot time;
-- memory is flat: an emulator that has warmed up grows by less than 8 MiB over a scenario.
+- memory is flat: no process that has warmed up grows by more than 8 MiB over a scenario, be it emulator, pendant or
+  client.
 """
 
 import argparse
@@ -34,6 +35,7 @@ from processes import cpu_s, memory_mib
 
 from urproto import modbus
 from urproto.errors import URError
+from urproto.ports import PENDANT_PORT
 from urproto.rtde import codec
 from urproto.rtde.codec import RTDEDecoder
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -86,6 +88,7 @@ class Witness:
         )
         assert self._process.stdout is not None
         self._process.stdout.readline()  # it streams
+        self.pid = self._process.pid
 
     def report(self) -> dict[str, float]:
         """End it: packages, lost, silence_s (the longest time without one), pace (robot time a second)."""
@@ -136,11 +139,11 @@ def slope(values: Sequence[float]) -> float:
 
 
 class Memory:
-    """Growth of an emulator's memory over a scenario, after a share of it for warming up."""
+    """Growth of the memory of processes over a scenario, after a share of it for warming up."""
 
     def __init__(self, robot: EmulatorProcess) -> None:
-        self._pid = robot.pid
-        self._samples: list[float] = []
+        self._pids = {"emulator": robot.pid}
+        self._samples: dict[str, list[float]] = {}
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
 
@@ -152,14 +155,19 @@ class Memory:
         self._ended.set()
         self._thread.join()
 
+    def watch(self, name: str, pid: int) -> None:
+        """Watch another process, too."""
+        self._pids[name] = pid
+
     @property
-    def growth_mib(self) -> float:
-        return slope(self._samples[int(len(self._samples) * WARM_SHARE) :])
+    def growth_mib(self) -> dict[str, float]:
+        return {name: slope(seen[int(len(seen) * WARM_SHARE) :]) for name, seen in self._samples.items()}
 
     def _look(self) -> None:
-        with suppress(OSError):
-            while not self._ended.wait(0.2):
-                self._samples.append(memory_mib(self._pid))
+        while not self._ended.wait(0.2):
+            for name, pid in tuple(self._pids.items()):
+                with suppress(OSError, IndexError, ValueError):  # it has ended
+                    self._samples.setdefault(name, []).append(memory_mib(pid))
 
 
 def said(result: Result, *texts: str) -> None:
@@ -176,9 +184,10 @@ def unharmed(result: Result, report: dict[str, float]) -> None:
 
 
 def flat(result: Result, memory: Memory) -> None:
-    """Hold an emulator to its memory."""
-    result.figures["memory_mib"] = round(memory.growth_mib, 2)
-    result.bar(memory.growth_mib < FLAT_MIB, f"memory grew by {memory.growth_mib:.1f} MiB")
+    """Hold every process to its memory."""
+    for name, growth in memory.growth_mib.items():
+        result.figures[f"memory_of_{name}_mib"] = round(growth, 2)
+        result.bar(growth < FLAT_MIB, f"the memory of the {name} grew by {growth:.1f} MiB")
 
 
 # floods
@@ -681,6 +690,52 @@ def soak(robot_s: float) -> Result:
     return result
 
 
+_PAGES = ("/", "/move", "/log", "/program", "/nosuch", "/pendant/pendant.js")
+
+
+def mixed_use(seconds: float) -> Result:
+    """Everyday use in real time: programs, dashboard commands, a client at 500 Hz, requests to the pendant."""
+    result = Result(f"{seconds:g} s of mixed use")
+    generator = random.Random(2)
+    with emulator() as robot, Memory(robot) as memory, _pendant(robot.host) as pendant:
+        client = Witness(robot)
+        memory.watch("pendant", pendant.pid)
+        memory.watch("client", client.pid)
+        until, rounds = time.monotonic() + seconds, 0
+        while time.monotonic() < until:
+            goal = [q + generator.uniform(-0.3, 0.3) for q in HOME]
+            _send(robot.host, robot.ports["secondary"], f"def p():\n  movej({goal}, a=3, v=1.5)\nend\n".encode())
+            line = generator.choice((b"robotmode", b"programState", b"addToLog hello", b"stop", b"saveLog"))
+            _send(robot.host, robot.ports["dashboard"], line + b"\nquit\n")
+            head = f"GET {generator.choice(_PAGES)} HTTP/1.1\r\nHost: {robot.host}\r\nConnection: close\r\n\r\n"
+            _send(robot.host, PENDANT_PORT, head.encode())
+            rounds += 1
+            time.sleep(0.3)
+        result.figures["rounds"] = rounds
+        unharmed(result, client.report())
+        said(result, robot.output)
+    flat(result, memory)
+    return result
+
+
+@contextmanager
+def _pendant(host: str) -> Iterator["subprocess.Popen[str]"]:
+    command = [sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", host, "--host", host, "--with-parent"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        assert process.stdout is not None
+        process.stdout.readline()  # it serves
+        yield process
+
+
+def _send(host: str, port: int, data: bytes) -> None:
+    """Send something and read the answer until the other side has no more for a moment."""
+    with suppress(TimeoutError), socket.create_connection((host, port), timeout=5.0) as connection:
+        connection.sendall(data)
+        connection.settimeout(1.0 if data.endswith(b"\r\n\r\n") or b"quit" in data else 0.01)
+        while connection.recv(1 << 16):
+            pass
+
+
 # hostile robots
 
 
@@ -740,7 +795,7 @@ def meet_robots(count: int) -> None:
 # all of them
 
 
-def scenarios(quick: bool) -> dict[str, Callable[[], Result]]:
+def scenarios(quick: bool, hours: float = 0.0) -> dict[str, Callable[[], Result]]:
     """By name, each with its size."""
     return {
         "flood": lambda: flood(10_000 if quick else 1_000_000),
@@ -753,6 +808,7 @@ def scenarios(quick: bool) -> dict[str, Callable[[], Result]]:
         "slow": lambda: slow_readers(2.0 if quick else 60.0),
         "clients": lambda: many_clients(20 if quick else 100, 2.0 if quick else 60.0),
         "soak": lambda: soak(60.0 if quick else 3600.0),
+        "mixed": lambda: mixed_use(10.0 if quick else 3600.0 * hours),
     }
 
 
@@ -775,11 +831,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="SCENARIO", help=f"all unless given: {', '.join(scenarios(True))}")
     parser.add_argument("--quick", action="store_true", help="a little of each, in less than a minute")
+    parser.add_argument("--hours", type=float, default=0.1, help="how long the scenario mixed takes")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there, too")
     options = parser.parse_args()
     if not sys.platform.startswith("linux"):
         parser.error("it needs /proc and limits of other processes: Linux only")
-    chosen = scenarios(options.quick)
+    chosen = scenarios(options.quick, options.hours)
     if unknown := set(options.names) - set(chosen):
         parser.error(f"unknown: {', '.join(sorted(unknown))}")
     results = []

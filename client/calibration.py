@@ -12,6 +12,7 @@ from typing import Final
 import yaml
 
 from client.errors import FileError, PlanningError
+from urproto.durable import write_file
 from urproto.modes import KinematicsStatus
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics, RobotModel, load_model
@@ -39,7 +40,7 @@ def read_calibration(path: Path) -> Calibration:
 def write_calibration(path: Path, calibration: Calibration) -> None:
     """Write a calibration file in the format of ur_calibration. Raises FileError if it cannot be written."""
     try:
-        path.write_text(yaml.safe_dump(calibration.to_mapping(), sort_keys=False), "utf-8")
+        write_file(path, yaml.safe_dump(calibration.to_mapping(), sort_keys=False))
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error
 

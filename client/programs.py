@@ -10,12 +10,12 @@ from typing import Final, NamedTuple
 
 from client.errors import ClientError, FileError
 from urproto.compat import module_command
+from urproto.durable import write_file
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.document import DocumentError, Element, link, packed, read_document, write_document
 from urscript.polyscope.editing import Problem, ProgramEditor
-from urscript.polyscope.files import write_file
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.installation_file import InstallationFile, load_installation_file
 from urscript.polyscope.installation_sections import SettingError

@@ -15,6 +15,7 @@ from rich.text import Text
 from emulator.control.remote import ControlClient
 from emulator.control.verbs import BadArguments, NotPossible
 from urproto.commandline import application, console
+from urproto.durable import write_file
 from urproto.ports import CONTROL_API_PORT
 from urproto.text import json_document, unknown
 
@@ -108,7 +109,7 @@ def _read(file: Path) -> Any:
 
 def _show(result: Any, file: Path | None) -> None:
     if file is not None:
-        file.write_text(json.dumps(result, indent=2) + "\n")
+        write_file(file, json.dumps(result, indent=2) + "\n")
     elif result is not None:
         typer.echo(json.dumps(result, indent=2))
 

@@ -9,12 +9,19 @@ import os
 import tempfile
 import zipfile
 from calendar import isleap, monthrange
+from collections.abc import Generator
+from io import BytesIO
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from emulator.machine import Machine
-from urproto.text import READABLE, readable, strip, to_bytes, unknown
+from emulator.workshare import in_periods
+from urproto.durable import replacing, writing
+from urproto.text import readable, strip, to_bytes, unknown
 from urscript.work import Steps
+
+_T = TypeVar("_T")
+Waiting = Generator[None, None, _T]  # yields once per control period, and returns when the disk has the file
 
 _FLIGHT_REPORTS: Final = ("controller", "software", "system")
 _FLIGHT_REPORT: Final = "flightreport_"  # followed by its id: beginning of a file name
@@ -23,27 +30,28 @@ _SUPPORT: Final = "ur_"  # likewise, followed by the serial number
 _KEPT: Final = 20  # of each kind, and in each folder (guess)
 _PIECE: Final = 16 * 1024  # bytes that are compressed in one step
 _BYTES_PER_WORK: Final = 20  # measured: 40 to 60 ns for a byte of a log
+_REPORT_WORK: Final = 1000  # [units of `urscript.work`]; measured: a millisecond
 _FILE_WORK: Final = 300  # for creating or deleting a file (guess)
 
 
-def write_log(machine: Machine) -> Path:
+def write_log(machine: Machine) -> Waiting[None]:
     """Write the log. Raises OSError when it cannot be written."""
-    path = _directory(machine) / "log_history.txt"
-    path.write_text(_log(machine), "utf-8", READABLE)
-    return path
+    yield from in_periods(_paid(_REPORT_WORK), machine.work)
+    yield from writing(_directory(machine) / "log_history.txt", readable(_log(machine)))
 
 
-def write_flight_report(machine: Machine, kind: str) -> str:
+def write_flight_report(machine: Machine, kind: str) -> Waiting[str]:
     """Write a report and return its id. Raises ValueError for an unknown kind, OSError."""
     if kind.lower() not in _FLIGHT_REPORTS:
         raise ValueError(unknown("report", kind, _FLIGHT_REPORTS))
+    yield from in_periods(_paid(_REPORT_WORK), machine.work)
     _rotate(_directory(machine), f"{_FLIGHT_REPORT}*.txt")
     report_id = f"{machine.serial_number}_{machine.step_count}_{kind.lower()}"
-    (_directory(machine) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(machine), "utf-8", READABLE)
+    yield from writing(_directory(machine) / f"{_FLIGHT_REPORT}{report_id}.txt", readable(_summary(machine)))
     return report_id
 
 
-def write_support_file(machine: Machine, directory: str) -> Steps[Path]:
+def write_support_file(machine: Machine, directory: str) -> Waiting[Path]:
     """Write log, state, all flight and crash reports to a zip file, after creating a new flight report of the system.
 
     In steps, because it takes many control periods. Raises ValueError for a directory outside the programs directory,
@@ -53,25 +61,22 @@ def write_support_file(machine: Machine, directory: str) -> Steps[Path]:
     target = (root / strip(directory).lstrip("/")).resolve()
     if not target.is_relative_to(root.resolve()) or not target.is_dir():
         raise ValueError(f"{directory!r} is not a directory below the programs directory")
-    yield 2 * _FILE_WORK
-    write_flight_report(machine, "system")
+    yield from write_flight_report(machine, "system")
     _rotate(target, f"{_SUPPORT}{machine.serial_number}_*.zip")
     path = target / f"{_SUPPORT}{machine.serial_number}_{_date_and_time(machine.wall_clock_ns // 1_000_000_000)}.zip"
-    handle, name = tempfile.mkstemp(dir=target, prefix=f".{path.name}.")  # two clients may want one in the same second
-    os.close(handle)
-    draft = Path(name)
-    try:
-        yield from _write_archive(machine, draft)
-        draft.chmod(0o644)
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    content = BytesIO()
+    yield from in_periods(_write_archive(machine, content), machine.work)
+    yield from writing(path, content.getvalue())
     return path
 
 
-def _write_archive(machine: Machine, path: Path) -> Steps[None]:
+def _paid(work: int) -> Steps[None]:
+    yield work
+
+
+def _write_archive(machine: Machine, content: BytesIO) -> Steps[None]:
     root = _directory(machine)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         yield from _add(archive, "log_history.txt", readable(_log(machine)).encode())
         yield from _add(archive, "state.txt", readable(_summary(machine)).encode())
         for report in sorted((*root.glob(f"{_FLIGHT_REPORT}*.txt"), *root.glob(f"{_CRASH}*.zip"))):
@@ -105,7 +110,7 @@ def write_crash(machine: Machine, source: str | None, stage: str, trace: str) ->
     about = f"{_head(machine)}{arm}\nuptime {machine.time_s:.3f} s, control period {machine.step_count}\n"
     _rotate(_directory(machine), f"{_CRASH}*.zip")
     path = _directory(machine) / f"{_CRASH}{machine.serial_number}_{machine.step_count}.zip"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    with replacing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("traceback.txt", readable(f"while {stage}\n{trace}"))
         archive.writestr("about.txt", readable(f"{about}{config}\n"))
         archive.writestr("state.txt", readable(_summary(machine)))

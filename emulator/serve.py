@@ -30,6 +30,7 @@ from urproto.commandline import console
 from urproto.compat import Self, module_command
 from urproto.compat_asyncio import timeout
 from urproto.dashboard import COMMANDS
+from urproto.durable import write_file
 from urproto.robotapi import AVAILABLE as ROBOT_API
 from urproto.robotapi import BASE, GET_PROGRAM_STATE, PUT_STATE
 
@@ -335,9 +336,7 @@ def _stop_on_signals(stop: Callable[[], None]) -> None:
 
 def write_ports(path: Path, ports: object) -> None:
     """Write the file completely or not at all, because other processes wait for it. Raises ConfigError."""
-    draft = path.with_name(f"{path.name}.part")
     try:
-        draft.write_text(json.dumps(ports, indent=2) + "\n")
-        draft.replace(path)
+        write_file(path, json.dumps(ports, indent=2) + "\n")
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror}") from error

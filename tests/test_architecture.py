@@ -101,8 +101,8 @@ URSCRIPT_MAY_IMPORT = (
     "urproto.versions",
 )
 URSCRIPT_COMMANDS_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots")  # the version follows from the arm
-# PolyScope's files contain poses and joint angles
-POLYSCOPE_MAY_IMPORT = (*URSCRIPT_COMMANDS_MAY_IMPORT, "urproto.vectors")
+# PolyScope's files contain poses and joint angles, and are saved
+POLYSCOPE_MAY_IMPORT = (*URSCRIPT_COMMANDS_MAY_IMPORT, "urproto.vectors", "urproto.durable")
 # the parts of `urscript` that the client may import: programs are created on the client's side too
 CLIENT_MAY_IMPORT_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
 # modules that run whole emulators for tests may import the emulator for type checkers
@@ -129,11 +129,42 @@ MAY_ACCESS_OUTSIDE = (
     "client",
     "urproto.backdoors",
     "urproto.compat_asyncio",
+    "urproto.durable",  # a thread, in which a control loop writes
     *FOR_TESTS,
 )
 # a module of the standard library that imports sockets -> its names that may be used, which need assert_none
 CODECS = {"xmlrpc": {"Fault", "Unmarshaller", "dumps", "loads"}}
 LONGEST_FILE = 600
+# functions that write a file, whatever they are a method of
+FILE_WRITERS = {
+    "write_text",
+    "write_bytes",
+    "mkstemp",
+    "mkdtemp",
+    "NamedTemporaryFile",
+    "symlink_to",
+    "savefig",
+    "savez",
+    "savez_compressed",
+    "ParquetWriter",
+    "write_table",
+}
+# module -> why it writes files without urproto.durable
+WRITES_FILES = {
+    "urproto.durable": "it is the one that may",
+    "client.recording.plots": "matplotlib writes to memory",
+    "client.recording.tables": "numpy writes to a file of urproto.durable",
+    "emulator.campaign.journal": "Parquet, likewise; and a journal grows: each line is flushed, and a torn one removed",
+    "client.lerobot.dataset": "Parquet writes in a folder of urproto.durable",
+    "emulator.reports": "archives in memory or in a file of urproto.durable, and their temporary folder",
+    "emulator.physics.drawing": "pictures in memory, and the pipe to the robot",
+    "emulator.programs.own_folder": "copies to a temporary folder, which has no earlier content",
+    "client.pendant.program_file": "renames an unreadable file",
+    "client.tool_communication": "a link to a serial device",
+    "client.controllers.serving": "locks, and an address that is gone with its process",
+    "client.ros2.message_packages": "a cache, which is built again if its manifest does not fit",
+    "client.ros2.message_builder": "likewise",
+}
 
 
 def modules() -> list[str]:
@@ -303,6 +334,39 @@ def test_only_one_module_chooses_the_encoding_of_foreign_text() -> None:
     for name in modules():
         used = {node.value for node in ast.walk(syntax_tree(name)) if isinstance(node, ast.Constant)} & handlers
         assert not used or name == "urproto.text", f"{name} decodes or encodes by itself: urproto.text does"
+
+
+def test_files_are_written_by_one_module() -> None:
+    """Everything else could leave half a file, or none, when the disk is full or the process is killed."""
+    found = {name: set(_ways_to_write(syntax_tree(name))) for name in modules()}
+    assert_none(
+        f"{name} writes a file with {way}: use urproto.durable"
+        for name, ways in found.items()
+        if not within(name, (*WRITES_FILES, *FOR_TESTS))
+        for way in ways
+    )
+    assert_none(
+        f"{name} writes no files: take it out of WRITES_FILES"
+        for name in WRITES_FILES
+        if not any(ways for other, ways in found.items() if within(other, (name,)))
+    )
+
+
+def _ways_to_write(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        owner = getattr(node.func.value, "id", "") if isinstance(node.func, ast.Attribute) else ""
+        words = {
+            part.value for part in ast.walk(node) if isinstance(part, ast.Constant) and isinstance(part.value, str)
+        }
+        opened = name in ("open", "fdopen", "ZipFile") and any(re.fullmatch(r"[wax]b?\+?|r\+b?|rb\+", w) for w in words)
+        flags = (owner, name) == ("os", "open") and any("O_CREAT" in ast.dump(part) for part in node.args)
+        moved = owner == "os" and name in ("replace", "rename", "link", "symlink")
+        copied = owner == "shutil" and name.startswith(("copy", "move"))
+        if opened or flags or moved or copied or name in FILE_WRITERS:
+            yield f"{owner}.{name}".strip(".")
 
 
 def test_exactly_four_packages() -> None:

@@ -43,6 +43,7 @@ from client.recording.plots import deviations, draw
 from client.recording.recording import Recording
 from client.recording.timestamps import Stamps
 from client.robot import Robot
+from urproto.durable import write_file
 from urproto.errors import RobotRefused, URError
 from urproto.robots import UnknownModelError, load_model
 from urproto.robots.description import urdf
@@ -77,7 +78,7 @@ def describe_command(
     except (UnknownModelError, MissingMeshesError) as error:
         raise typer.BadParameter(str(error)) from error
     try:
-        output.write_text(text, "utf-8")
+        write_file(output, text)
     except OSError as error:
         raise FileError(output, error.strerror or str(error)) from error
     typer.echo(f"{output}: {arm.title}, " + ("nominal" if arm.calibration is None else "calibrated"))
@@ -262,7 +263,8 @@ def record_command(
         shots = follow_cameras(opened, cameras)
         info = {"robot": robot_ip, "polyscope": str(robot.core.version), "rate_hz": f"{robot.core.rate_hz:g}"}
         recorder = opened.enter_context(Recorder(file, names, info))
-        typer.echo(f"recording {_describe_source(robot, names)} to {file}. Ctrl-C ends it.", err=True)
+        source, place = _describe_source(robot, names), recorder.place.name
+        typer.echo(f"recording {source} to {file} ({place} until it ends). Ctrl-C ends it.", err=True)
         pictures = 0
 
         def write(state: Mapping[str, Any]) -> None:

@@ -217,7 +217,8 @@ async def _relay(routes: list[Route], recorder: TrafficRecorder | None) -> None:
         for name, port in proxy.ports.items():
             route = proxy.routes[name]
             typer.echo(f"{name}: {route.listen}:{port} -> {route.host}:{route.target}")
-        typer.echo(f"{f'Recording to {recorder.path}. ' if recorder else ''}Ctrl-C ends it.")
+        recording = f"Recording to {recorder.path} ({recorder.place.name} until it ends). " if recorder else ""
+        typer.echo(f"{recording}Ctrl-C ends it.")
         await until_interrupted()
 
 

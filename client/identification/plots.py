@@ -8,6 +8,7 @@ import numpy as np
 from client.errors import RecordingError
 from client.identification.fidelity import UNITS, Fidelity
 from client.recording.extras import extra
+from client.recording.plots import save_figure
 from urproto.joints import JOINT_LABELS
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
@@ -44,7 +45,4 @@ def draw(result: Fidelity, path: Path, title: str) -> None:
     every[0, 0].legend(fontsize=7)
     figure.subplots_adjust(left=0.08, right=0.98, bottom=0.05, top=0.93, wspace=0.2, hspace=0.12)
     figure.suptitle(title.replace("$", r"\$"), fontsize=10)
-    try:
-        figure.savefig(path, dpi=_DPI)
-    except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+    save_figure(figure, path, _DPI)

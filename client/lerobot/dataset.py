@@ -10,9 +10,6 @@ Source: ``lerobot`` 0.4.4, its documentation of the format and the files that it
 """
 
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -31,6 +28,7 @@ from client.recording import read
 from client.recording.extras import extra
 from client.recording.files import remarks
 from client.recording.recorded_pictures import RecordedPictures, read_pictures
+from urproto.durable import new_folder, write_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -126,27 +124,12 @@ def _usual_fps(pictures: Mapping[str, RecordedPictures]) -> int:
 
 @contextmanager
 def _folder(path: Path) -> Iterator[Path]:
-    """A temporary folder next to ``path``, renamed to ``path`` at the end, and removed after an error."""
+    """The folder, which appears at the end of the block."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        made = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+        with new_folder(path) as folder:
+            yield folder
     except OSError as error:
         raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
-    try:
-        yield made
-        made.chmod(0o777 & ~_umask())
-        made.rename(path)
-    except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(made, ignore_errors=True)
-
-
-def _umask() -> int:
-    """The umask of this process, which `tempfile.mkdtemp` ignores: its folder is for the owner alone."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
 
 
 class _Writer:
@@ -303,7 +286,7 @@ class _Writer:
         }
 
     def _write_json(self, name: str, content: Mapping[str, Any]) -> None:
-        (self._folder / "meta" / name).write_text(json.dumps(content, indent=4, allow_nan=False) + "\n", "utf-8")
+        write_file(self._folder / "meta" / name, json.dumps(content, indent=4, allow_nan=False) + "\n")
 
 
 def _vectors(values: NDArray[np.float32]) -> "pa.Array":

@@ -66,6 +66,9 @@ def _lost_banner(page: Page) -> None:
         ui.icon("link_off")
         page.live.text(lambda station: f"The robot at {station.robot_ip} does not answer: {station.problem}")
     page.live.bind(banner, "state", lambda station: "ok" if station.connected else "lost")
+    with ui.element("div").classes("old").props("data-testid=old"):
+        ui.icon("history")
+        ui.element("span")  # its text is from pendant.js, since this process is the one that does not answer
 
 
 def _footer(page: Page, tabs: ui.tabs) -> None:

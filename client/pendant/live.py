@@ -2,7 +2,7 @@
 
 NiceGUI lays out pages and handles clicks. Live values bypass it on a separate web socket, as lists of changes that
 ``static/pendant.js`` applies. Values that look the same are not sent, nor are those of hidden screens, and a slow
-browser skips frames.
+browser skips frames. A page that receives nothing, not even an empty list, greys its values and says how old they are.
 """
 
 import asyncio
@@ -26,6 +26,7 @@ NextUpdate = Callable[[bool], Any]
 HeldHandler = Callable[[Mapping[str, Any] | None], None]
 
 _NEVER: Final = object()
+_HEARTBEAT_S: Final = 0.4  # static/pendant.js greys the values of a page that has received nothing for 1 s
 _INVALID_DATA: Final = 1007  # the status of web sockets for data that cannot be read
 
 
@@ -169,12 +170,16 @@ class Live:
             handler()
 
     async def _send_frames(self, socket: WebSocket) -> None:
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
         while True:
-            if changes := self.changes():
+            changes = self.changes()
+            if changes or loop.time() >= due_s:  # an empty list says that the values are still the newest
                 await socket.send_text(json.dumps(changes))
+                due_s = loop.time() + _HEARTBEAT_S
             waiting = [asyncio.ensure_future(self.station.next_frame()), asyncio.ensure_future(self._wake.wait())]
             try:
-                await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait(waiting, timeout=_HEARTBEAT_S, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 for wait in waiting:
                     wait.cancel()

@@ -1,13 +1,13 @@
 """Files in which the pendant saves named data of its users as JSON, shared by all browsers."""
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 from client.errors import FileError
+from urproto.durable import write_file
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 from urproto.text import json_document
@@ -192,13 +192,8 @@ def checked_name(name: str, subject: str) -> str:
 
 def write_json(path: Path, content: Any) -> None:
     """Replace a file atomically. Raises FileError."""
-    new = path.with_name(f"{path.name}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with new.open("w", encoding="utf-8") as file:
-            file.write(json.dumps(content, indent=1) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(new, path)
+        write_file(path, json.dumps(content, indent=1) + "\n")
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error

@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 from fastapi import Response, WebSocket
 from fastapi.responses import PlainTextResponse, StreamingResponse
-from nicegui import app, ui
+from nicegui import Client, app, ui
 
 from client.errors import CameraError, PortTakenError
 from client.pendant import frame
@@ -30,6 +30,7 @@ _PROCESS_TOKEN: Final = secrets.token_hex(8)  # differs in each process, so that
 _NO_SUCH_PAGE: Final = 1008
 _MAX_MESSAGE_BYTES: Final = 1_000_000  # the most that NiceGUI's pages send over a web socket
 _POLL_PERIOD_S: Final = 0.05
+_CONNECTION_TIMEOUT_S: Final = 30.0  # guess: browsers open the web socket within a second, slow ones within several
 _NO_STORE: Final = {"cache-control": "no-store"}
 
 
@@ -57,7 +58,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     invalid_messages = InvalidMessages()
     screens = [screen.name for screen in SCREENS]
     app.add_middleware(
-        Gate, screens=screens, full=lambda limit: len(Live.pages) >= limit, invalid_messages=invalid_messages
+        Gate, screens=screens, full=lambda limit: len(Client.instances) >= limit, invalid_messages=invalid_messages
     )
     guard_events(invalid_messages)
     shorten_library_logs(invalid_messages)
@@ -140,6 +141,9 @@ async def _build_page(station: Station, screen: str) -> None:
         ui.add_head_html(f'<link rel="stylesheet" href="/pendant/{name}">')
     for name in _SCRIPTS:
         ui.add_body_html(f'<script src="/pendant/{name}"></script>')
+    await client.connected(timeout=_CONNECTION_TIMEOUT_S)  # a request alone costs little, and is soon forgotten
+    if client.is_deleted:
+        return
     page = Page(station, Live(station, client.id))
     client.on_delete(page.close)
     frame.build(page, screen)

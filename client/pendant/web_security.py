@@ -24,7 +24,7 @@ from urproto.log_throttle import LogThrottle
 
 _FORBIDDEN: Final = 403
 _POLICY_VIOLATION: Final = 1008  # web socket status for what is not permitted
-_MAX_PAGES: Final = 200  # guess: one per browser; a page that never connects is kept for a minute
+_MAX_PAGES: Final = 200  # guess: one per browser; those that have not connected yet count, too
 _MAX_KINDS: Final = 32
 _FILES: Final = ("/pendant/", "/_nicegui/", f"{ROUTE}/")
 _MAX_LINE: Final = 300  # characters of a line about an invalid message

@@ -2,7 +2,7 @@
 
 Writing a state takes some tenths of a millisecond, and several milliseconds when a chunk is compressed. A call here
 takes microseconds: a thread passes the states to the process, which writes the file with `Recorder`. The process
-finishes the file properly even if this program dies.
+finishes the file properly even if this program dies; only an earlier recording is not replaced then.
 """
 
 import json
@@ -125,6 +125,7 @@ class BackgroundRecorder:
         try:
             while (item := self._queue.get()) is not None:
                 self._send(pipe, _plain(item))
+            self._send(pipe, None)
             pipe.close()
         except OSError:  # the process has ended
             _logger.error("%s can no longer be written", self.path)
@@ -182,7 +183,7 @@ def work(pipe: BinaryIO) -> int:
         with Recorder(path, names, info) as recorder:
             sys.stdout.buffer.write(_READY)
             sys.stdout.buffer.flush()
-            for item in iter(_reader_of(pipe), None):
+            for item in iter(_reader_of(pipe, path), None):
                 if isinstance(item, _Markers):
                     problem = _write_markers(recorder, item) or problem
                 elif isinstance(item[0], str):
@@ -207,13 +208,13 @@ def _write_markers(recorder: Recorder, item: _Markers) -> str:
     return ""
 
 
-def _reader_of(pipe: BinaryIO) -> Callable[[], Any]:
-    """A function that returns the next item, or None at the end, even if the sender died within the last item."""
+def _reader_of(pipe: BinaryIO, path: str) -> Callable[[], Any]:
+    """A function that returns the next item, or None at the end. Raises RecordingError if the sender has died."""
 
     def read() -> Any:
         try:
             return pickle.load(pipe)
         except (EOFError, pickle.UnpicklingError):
-            return None
+            raise RecordingError(f"{path}: the program has ended before its recording") from None
 
     return read

@@ -1,5 +1,6 @@
 """Recordings by file name: ``.mcap``, ``.csv`` or ``.npz``."""
 
+import logging
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ import numpy as np
 from client.cameras import Shot
 from client.errors import RecordingError
 from client.recording.mcapfile import McapWriter, read_mcap
+from client.recording.output import OutputFile
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
 from client.recording.timestamps import Stamps
@@ -24,6 +26,8 @@ from urproto.rtde.fields import MAX_TIMESTAMP_S
 
 FORMATS: Final = (".mcap", ".csv", ".npz")
 _DEFAULT: Final = "default"
+
+_logger = logging.getLogger(__name__)
 
 
 class Writer(Protocol):
@@ -36,11 +40,20 @@ class Writer(Protocol):
         """Finish."""
 
 
-class FileWriter(Writer, Protocol):
-    """A `Writer` to a file. saved: number of states that are certainly in it."""
+class FileWriter(Protocol):
+    """Writes states to a file. saved: number of states that are certainly in it."""
 
     @property
     def saved(self) -> int: ...
+
+    @property
+    def file(self) -> OutputFile: ...
+
+    def write(self, values: Mapping[str, Any], time_ns: int) -> None:
+        """Add a state. time_ns: its time since 1970. Raises RecordingError."""
+
+    def close(self, *, complete: bool = True) -> None:
+        """Finish. complete: give the file its name; otherwise it keeps that of an unfinished one."""
 
 
 class Recorder:
@@ -48,8 +61,9 @@ class Recorder:
 
     path: the suffix selects the format. names: the variables to record; ``timestamp`` is always included.
     info: key-value pairs to store in the file. count: states passed to `write`. left_out: states without a valid time,
-    which are not in the file. Raises RecordingError; if the file can no longer be written, the error says how many
-    states are in it.
+    which are not in the file. place: where the states are: in ``run.unfinished.mcap`` until the recording is complete,
+    and afterwards if it ended with an error and an earlier ``run.mcap`` would be lost. Raises RecordingError; if the
+    file can no longer be written, the error says how many states are in it.
 
         with Recorder("run.mcap") as recorder, Robot(host, outputs=DEFAULT_FIELDS) as robot:
             robot.inner.driver.robot.on_state.append(recorder.write)
@@ -67,7 +81,7 @@ class Recorder:
         self.count = 0
         self.left_out = 0
         self._failure = ""
-        self._closed = False
+        self._closed = self._published = False
         self._writer = open_writer(self.path, self.names, info or {})
         self._stamps = Stamps(now_ns)
 
@@ -77,11 +91,18 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        complete = error is None or not self._writer.file.replaces
         try:
-            self.close()
+            self._close(complete=complete)
         except RecordingError:
             if error is None:  # otherwise it was raised before, or the other error matters more
                 raise
+        if not complete:
+            _logger.warning("%s is still the earlier recording: what is new is in %s", self.path, self.place)
+
+    @property
+    def place(self) -> Path:
+        return self.path if self._published else self._writer.file.path
 
     def write(self, values: Mapping[str, Any]) -> None:
         """Add a state; additional variables are ignored.
@@ -139,14 +160,17 @@ class Recorder:
 
     def close(self) -> None:
         """Finish the file; closing it twice is allowed."""
+        self._close(complete=True)
+
+    def _close(self, *, complete: bool) -> None:
         if self._closed:
             return
         self._closed = True
         with self._recording_failure():
-            self._writer.close()
-
+            self._writer.close(complete=complete)
         if self._failure:
             raise self._failure_error()
+        self._published = complete
 
     @contextmanager
     def _recording_failure(self) -> Iterator[None]:
@@ -224,13 +248,14 @@ def convert(source: Path, target: Path) -> Recording:
     info = {name: text for name, text in recording.info.items() if name not in ("cut_off", "left_out")}
     writer = open_writer(target, tuple(recording.values), info)
     try:
-        try:
-            for values, time_ns in zip(recording.states(), recording.times_ns, strict=True):
-                writer.write(values, time_ns)
-        finally:
-            writer.close()
-    except RecordingError as error:
-        raise RecordingError(f"{error}; {writer.saved} of {len(recording)} states are certainly in it") from error
+        for values, time_ns in zip(recording.states(), recording.times_ns, strict=True):
+            writer.write(values, time_ns)
+        writer.close()
+    except BaseException as error:
+        writer.file.discard()  # the source has everything
+        if isinstance(error, RecordingError):
+            raise RecordingError(f"{target} is not written: {error}") from error
+        raise
     return recording
 
 

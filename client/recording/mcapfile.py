@@ -43,10 +43,10 @@ class McapWriter:
             from mcap.writer import Writer
         self.saved = 0
         self._count = 0
-        self._file = OutputFile(path)
+        self.file = OutputFile(path)
         self._written = 0  # size of the file after the last state, in bytes
         self._flushed_s = time.monotonic()  # time at which the last chunk was ended
-        stream: Any = self._file  # has those methods of a stream that the writer uses
+        stream: Any = self.file  # has those methods of a stream that the writer uses
         self._writer = Writer(stream, chunk_size=_CHUNK)
         # the package has no public method to end a chunk before it is full
         self._end_chunk: Callable[[], None] = getattr(self._writer, "_Writer__finalize_chunk", lambda: None)
@@ -66,9 +66,10 @@ class McapWriter:
             self._end_chunk()
             self._flushed_s = now_s
         self._count += 1
-        if (written := self._file.tell()) != self._written:
+        if (written := self.file.tell()) != self._written:
             self._written = written
             self.saved = self._count
+            self.file.keep = True
 
     def write_controller(self, controller: str, state: Any, time_ns: int) -> None:
         """Add the state of a trajectory controller of this program.
@@ -88,16 +89,15 @@ class McapWriter:
         for topic, data in self._pictures.encoded(shot, time_ns):
             self._add(topic, data, time_ns)
 
-    def close(self) -> None:
-        """Finish the file: write its index and footer. Raises RecordingError."""
+    def close(self, *, complete: bool = True) -> None:
+        """Finish the file: write its index and footer; see `FileWriter`. Raises RecordingError."""
+        if self.file.failed:
+            return
         finish: Callable[[], None] = self._writer.finish
-        try:
-            if not self._file.failed:
-                self._end_chunk()
-                self.saved = self._count
-                finish()
-        finally:
-            self._file.close()
+        self._end_chunk()
+        self.saved = self._count
+        finish()
+        self.file.close(complete=complete)
 
     def _add(self, topic: RosTopic | ControllerTopic | MarkerTopic | PictureTopic, data: bytes, time_ns: int) -> None:
         if topic.name not in self._channels:

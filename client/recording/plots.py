@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from html import escape
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,6 +14,7 @@ from client.errors import RecordingError
 from client.recording.extras import extra
 from client.recording.recording import Recording
 from client.recording.tracking import Tracking
+from urproto.durable import write_file
 from urproto.joints import JOINT_LABELS, JOINT_NAMES
 from urproto.modes import SafetyMode, mode_name
 
@@ -96,15 +97,12 @@ def draw(
     if "actual_q" not in recording and not recording.controllers:
         raise RecordingError("there are no joint angles to plot: record actual_q, preferably with target_q")
     picture = _Picture(recording, recording.tracking(controller), limit_rad)
-    try:
-        with rc_context(_STYLE):
-            figure = _figure(Figure, picture, title)
-            if path.suffix.lower() == ".html":
-                path.write_text(_page(picture, figure, title), encoding="utf-8")
-            else:
-                figure.savefig(path, dpi=_DPI)
-    except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+    with rc_context(_STYLE):
+        figure = _figure(Figure, picture, title)
+        if path.suffix.lower() == ".html":
+            _write(path, _page(picture, figure, title))
+        else:
+            save_figure(figure, path, _DPI)
 
 
 def draw_trajectory(time_s: NDArray[Any], q: NDArray[Any], qd: NDArray[Any], path: Path) -> None:
@@ -124,10 +122,21 @@ def draw_trajectory(time_s: NDArray[Any], q: NDArray[Any], qd: NDArray[Any], pat
             axes.margins(x=0.0)
         every[0].legend(ncols=3)
         every[1].set_xlabel("time [s]")
-        try:
-            figure.savefig(path, dpi=_DPI)
-        except OSError as error:
-            raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+        save_figure(figure, path, _DPI)
+
+
+def save_figure(figure: "Figure", path: Path, dpi: int) -> None:
+    """Write a figure in the format of the path's suffix. Raises RecordingError."""
+    content = BytesIO()
+    figure.savefig(content, dpi=dpi, format=path.suffix[1:])
+    _write(path, content.getvalue())
+
+
+def _write(path: Path, content: bytes | str) -> None:
+    try:
+        write_file(path, content)
+    except OSError as error:
+        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from client.errors import RecordingError
 from client.recording.output import OutputFile
 from client.recording.recording import Columns, Info, Recording
 from client.rtde import unknown_fields
+from urproto.durable import replacing
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.types import FieldType
 from urproto.text import json_document
@@ -30,8 +31,8 @@ class CsvWriter:
     def __init__(self, path: Path, names: Iterable[str]) -> None:
         self.saved = 0
         self._names = tuple(names)
-        self._file = OutputFile(path)
-        self._writer = csv.writer(_TextFile(self._file))
+        self.file = OutputFile(path)
+        self._writer = csv.writer(_TextFile(self.file))
         self._writer.writerow(column for name in self._names for column in _columns(name))
 
     def write(self, values: Mapping[str, Any], time_ns: int = 0) -> None:
@@ -39,10 +40,11 @@ class CsvWriter:
         parts = (values[name] for name in self._names)
         self._writer.writerow([part for value in parts for part in (value if isinstance(value, tuple) else (value,))])
         self.saved += 1
+        self.file.keep = True
 
-    def close(self) -> None:
-        """Finish the file."""
-        self._file.close()
+    def close(self, *, complete: bool = True) -> None:
+        """Finish the file; see `FileWriter`."""
+        self.file.close(complete=complete)
 
 
 class _TextFile:
@@ -64,7 +66,8 @@ class NpzWriter:
 
     def __init__(self, path: Path, names: Iterable[str], info: Info) -> None:
         self.saved = 0
-        self._file = OutputFile(path)
+        self.file = OutputFile(path)
+        self._path = path
         self._columns = Columns(tuple(names))
         self._info = dict(info)
 
@@ -73,31 +76,29 @@ class NpzWriter:
         if not self.saved:
             self._info.setdefault("began_ns", str(time_ns))
             head = {"names": self._columns.names, "info": self._info}
-            self._file.write(_UNFINISHED + json.dumps(head).encode() + b"\n")
-        self._file.write(self._columns.row(values))
+            self.file.write(_UNFINISHED + json.dumps(head).encode() + b"\n")
+        self.file.write(self._columns.row(values))
         self.saved += 1
+        self.file.keep = True
 
-    def close(self) -> None:
-        """Replace the states by arrays. If that fails, raises RecordingError and keeps the states."""
-        self._file.close()
-        if self._file.failed:
+    def close(self, *, complete: bool = True) -> None:
+        """Replace the states by arrays; see `FileWriter`. If that fails, raises RecordingError and keeps the states."""
+        self.file.close(complete=False)
+        if self.file.failed or not complete:
             return
-        path = self._file.path.resolve()
-        whole = path.with_name(f"{path.name}.new")
         try:
             if self.saved:
-                with path.open("rb") as states:
+                with self.file.path.open("rb") as states:
                     _read_unfinished(states, self._columns)
             arrays = {_INFO: np.array(json.dumps(self._info)), **self._columns.arrays()}
-            with whole.open("wb") as file:
+            with replacing(self._path) as file:
                 np.savez_compressed(file, allow_pickle=False, **arrays)
-            whole.replace(path)
         except OSError as error:
-            self._file.failed = True
-            whole.unlink(missing_ok=True)
+            self.file.fail()
             raise RecordingError(
-                f"cannot finish {path}: {error.strerror or error}: ur-client convert can still read it"
+                f"cannot finish {self.file.path}: {error.strerror or error}: ur-client convert can still read it"
             ) from error
+        self.file.discard()
 
 
 def read_csv(path: Path, names: Sequence[str] | None = None) -> Recording:

@@ -1,6 +1,5 @@
 """Write connections to a capture file, and read a whole capture file into memory: who sent what, and when."""
 
-import os
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -15,6 +14,7 @@ from client.decoding.packets import SocketAddress, TcpSegment, UnreadablePacketE
 from client.errors import FileError
 from client.traffic.ports import is_traffic
 from urproto.compat import Self
+from urproto.durable import NewFile
 from urproto.errors import RemoteProtocolError
 
 FLUSH_S: Final = 0.25  # interval at which to call ``flush`` [s]
@@ -32,7 +32,8 @@ class TrafficRecorder:
     """Writes connections to a capture file. Raises FileError if it cannot be created.
 
     comments: stored at the start of the file. now_ns: clock for the packets. problem: called once with the reason if
-    the file can no longer be written. failed: that reason; None if there is none.
+    the file can no longer be written. failed: that reason; None if there is none. place: where the packets are: in
+    ``traffic.unfinished.pcapng`` until `close`, and afterwards if it failed; an earlier ``traffic.pcapng`` then stays.
     """
 
     def __init__(
@@ -48,10 +49,9 @@ class TrafficRecorder:
         self._problem = problem
         self._now_ns = now_ns or wall_clock()
         self._kept = bytearray()
-        self._written = 0  # bytes of complete packets
         self._connections = 0
         try:
-            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0), 0o666)
+            self._file = NewFile(path, unfinished=True)
         except OSError as error:
             raise FileError(path, f"cannot be written: {error.strerror}") from error
         self._kept += head_of_capture(_APPLICATION, "proxy", comments)
@@ -65,23 +65,26 @@ class TrafficRecorder:
     def flush(self) -> None:
         """Pass the buffered data to the operating system."""
         kept, self._kept = self._kept, bytearray()
-        size = len(kept)
         try:
-            while kept:
-                del kept[: os.write(self._file, kept)]
-            self._written += size
+            self._file.write(kept)
         except OSError as error:
             self._fail(error)
 
     def close(self) -> None:
-        """Finish the recording."""
-        if self._file >= 0:
-            self.flush()
-            os.close(self._file)
-            self._file = -1
+        """Finish the recording; closing it twice is allowed. If it failed, it keeps the name of an unfinished one."""
+        if self._file.closed:
+            return
+        self.flush()
+        try:
+            if self.failed:
+                self._file.close()
+            else:
+                self._file.publish()
+        except OSError as error:
+            self._fail(error)
 
     def _packets(self, frames: Iterable[bytes]) -> None:
-        if self.failed or self._file < 0:
+        if self.failed or self._file.closed:
             return
         now_ns = self._now_ns()
         for frame in frames:
@@ -90,10 +93,16 @@ class TrafficRecorder:
             self.flush()
 
     def _fail(self, error: OSError) -> None:
-        self.failed = f"{self.path} can no longer be written, after {self._written} bytes: {error.strerror}"
+        self.failed = f"{self.place} can no longer be written, after {self._file.tell()} bytes: {error.strerror}"
         with suppress(OSError):  # a pipe cannot be truncated
-            os.ftruncate(self._file, self._written)
+            self._file.truncate()
+        if not self._connections:
+            self._file.discard()
         self._problem(self.failed)
+
+    @property
+    def place(self) -> Path:
+        return self._file.path
 
 
 class Recorded:

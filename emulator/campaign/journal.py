@@ -16,6 +16,7 @@ from emulator.campaign.plan import Axis, Numbers, Plan
 from emulator.campaign.work import Result
 from emulator.config import ConfigError
 from urproto.compat import Self
+from urproto.durable import replacing
 
 _ROWS: Final = 20_000  # of a Parquet file's row group
 _ENCODER: Final = msgspec.json.Encoder()
@@ -133,11 +134,9 @@ def write_parquet(journal: Journal, plan: Plan, target: Path) -> None:
         ]
     )
     results = journal.results()
-    new = target.with_suffix(".new")
-    with pyarrow.parquet.ParquetWriter(new, schema, compression="zstd") as writer:
+    with replacing(target) as file, pyarrow.parquet.ParquetWriter(file, schema, compression="zstd") as writer:
         while rows := [_row(plan, result) for result in islice(results, _ROWS)]:
             writer.write_table(pyarrow.Table.from_pylist(rows, schema=schema))
-    os.replace(new, target)
 
 
 def _row(plan: Plan, result: Result) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from emulator.campaign.journal import Journal, shown
 from emulator.campaign.minimise import kind_of
 from emulator.campaign.plan import Axis, Plan, Run
 from emulator.campaign.work import Result, Status
+from urproto.durable import write_file
 
 _SHOWN: Final = 50  # runs of a kind of failure, and values of an axis; the Parquet file has all
 _KINDS: Final = 200  # kinds of failures
@@ -74,7 +75,7 @@ class Summary:
 def write_report(target: Path, plan: Plan, journal: Journal, simpler: Mapping[int, Run]) -> Summary:
     """Write the page. simpler: simplified runs that fail in the same way, by the number of the original run."""
     summary = Summary.of(plan, journal.results())
-    target.write_text(_page(plan, summary, simpler), encoding="utf-8")
+    write_file(target, _page(plan, summary, simpler))
     return summary
 
 

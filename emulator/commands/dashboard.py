@@ -14,7 +14,7 @@ import inspect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 from emulator import reports
 from emulator.controller import Controller
@@ -32,6 +32,7 @@ from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.installation_file import read_installation_steps
 from urscript.work import Steps
 
+_T = TypeVar("_T")
 _Waiting = Generator[None, None, str]
 _Answer = str | _Waiting
 
@@ -41,7 +42,6 @@ _SHOWN_ROOT: Final = "/programs"
 # the machine is slow (an issue of the ROS 2 driver tells of one). How long it takes is a guess.
 _LOAD_S: Final = 0.6
 _MAX_WORDS: Final = 4  # of a command's name
-_REPORT_WORK: Final = 1000  # [units of `urscript.work`]; measured: a millisecond
 _START_WITHIN_S: Final = 0.1  # then it counts as started: one shorter than a period never seems to play (guess)
 
 
@@ -402,35 +402,21 @@ def get_robot_model(controller: Controller) -> str:
 @command("generate flight report")
 def generate_flight_report(controller: Controller, kind: str) -> _Waiting:
     """Write a flight report (controller, software or system, the default) to the programs directory."""
-
-    def report() -> Steps[str]:
-        yield _REPORT_WORK
-        return f"Flight Report generated with id: {reports.write_flight_report(controller, kind or 'system')}"
-
-    return _written(controller, "generate flight report", report())
+    steps = reports.write_flight_report(controller, kind or "system")
+    return _written("generate flight report", steps, lambda report_id: f"Flight Report generated with id: {report_id}")
 
 
 @command("generate support file")
 def generate_support_file(controller: Controller, directory: str) -> _Waiting:
     """Write log, state and all flight reports, including a new one, to a zip file in the programs directory."""
-
-    def report() -> Steps[str]:
-        path = yield from reports.write_support_file(controller, directory)
-        return f"Completed successfully: {path.name}"
-
-    return _written(controller, "generate support file", report())
+    steps = reports.write_support_file(controller, directory)
+    return _written("generate support file", steps, lambda path: f"Completed successfully: {path.name}")
 
 
 @command("saveLog")
 def save_log(controller: Controller) -> _Waiting:
     """Write the log to the programs directory."""
-
-    def save() -> Steps[str]:
-        yield _REPORT_WORK
-        reports.write_log(controller)
-        return replies.LOG_SAVED
-
-    return _written(controller, "save log", save())
+    return _written("save log", reports.write_log(controller), lambda _: replies.LOG_SAVED)
 
 
 @command("shutdown")
@@ -450,13 +436,12 @@ def disconnect(controller: Controller) -> str:
 # Helpers
 
 
-def _written(controller: Controller, action: str, steps: Steps[str]) -> _Waiting:
-    """The reply of work that writes a file, or why it failed."""
+def _written(action: str, steps: reports.Waiting[_T], reply: Callable[[_T], str]) -> _Waiting:
+    """The reply to a command that writes a file, or why it failed."""
     try:
-        reply = yield from in_periods(steps, controller.work)
+        return reply((yield from steps))
     except (OSError, ValueError) as error:
         return f"Failed to {action}: {error}"
-    return reply or ""
 
 
 def _until(controller: Controller, state: RuntimeState) -> Generator[None, None, None]:

@@ -1,6 +1,5 @@
 """Verbs about the installation file, for the teach pendant's Installation screen."""
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from emulator.controller import Controller
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.services.urcap import DriverAddress
 from emulator.workshare import in_periods
+from urproto.durable import writing
 from urproto.text import unknown
 from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document
 from urscript.polyscope.folder import ProgramsFolder
@@ -100,7 +100,7 @@ class InstallationVerbs(Verbs):
             yield
             content = write_document(root)
             yield
-            _write(path, packed(content))
+            yield from _write(path, packed(content))
             controller.use_installation(path, file, section)
             if section == "external_control":  # overrides --external-control until the emulator is restarted
                 given = controller.config.external_control
@@ -144,11 +144,9 @@ def _check_program(controller: Controller, section: str, root: Element) -> None:
         raise SettingError(f"there is no program {row['file']} in the programs folder")
 
 
-def _write(path: Path, content: bytes) -> None:
+def _write(path: Path, content: bytes) -> Waiting[None]:
     """Replace the file, completely or not at all."""
-    new = path.with_name(f".{path.name}.new")
     try:
-        new.write_bytes(content)
-        os.replace(new, path)
+        yield from writing(path, content)
     except OSError as error:
         raise NotPossible(f"{path.name} cannot be saved: {error.strerror or error}") from error

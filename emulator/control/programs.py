@@ -2,9 +2,7 @@
 
 import base64
 import binascii
-import os
 from collections.abc import Generator
-from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -17,6 +15,7 @@ from emulator.programs.own_folder import ensure_programs_folder
 from emulator.programs.runner import Programs
 from emulator.services.urcap import DriverAddress
 from emulator.workshare import in_periods
+from urproto.durable import writing
 from urproto.modes import RuntimeState
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.outline import OutlineNode, outline_steps
@@ -68,16 +67,7 @@ class ProgramVerbs(Verbs):
             raise BadArguments(f"data is not base64: {error}") from error
         if len(content) > _LARGEST:
             raise BadArguments(f"{path}: files must not exceed {_LARGEST >> 20} MiB")
-        new = place.with_name(f".{place.name}.new")
-        try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-            new.write_bytes(content)
-            os.replace(new, place)
-        except OSError as error:
-            with suppress(OSError):
-                new.unlink()
-            raise NotPossible(f"{path} cannot be written: {error.strerror or error}") from error
-        return self._name(place)
+        return self._wait(self._stored(place, content, path))
 
     @verb
     def read_program(self, path: str) -> str:
@@ -101,6 +91,14 @@ class ProgramVerbs(Verbs):
         except OSError as error:
             raise NotPossible(f"{path} cannot be deleted: {error.strerror or error}") from error
         return True
+
+    def _stored(self, place: Path, content: bytes, path: str) -> Waiting[str]:
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            yield from writing(place, content)
+        except OSError as error:
+            raise NotPossible(f"{path} cannot be written: {error.strerror or error}") from error
+        return self._name(place)
 
     def _place(self, path: str) -> Path:
         root = self.controller.config.programs_dir

@@ -1,8 +1,6 @@
 """The stored programs of PolyScope X: ``.urpx`` files of the programs folder, identified by the names in them."""
 
-import os
 from collections.abc import Generator
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +8,7 @@ from emulator.controller import Controller
 from emulator.programs.loading import DEFAULT_URPX, MAX_PROGRAMS
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.servers.http import BAD, INVALID, NOT_FOUND, HttpError
+from urproto.durable import writing
 from urproto.robotapi import DEFAULT_PROGRAM
 from urscript.polyscope.folder import ProgramsFolder, read_file
 from urscript.polyscope.urpx import SUFFIX, UrpxError, UrpxInformation, read_information, read_urpx
@@ -68,7 +67,7 @@ def store_program(controller: Controller, data: bytes, *, new: bool) -> Generato
         raise HttpError(NOT_FOUND, f"there is no program {name!r}")
     if name == DEFAULT_PROGRAM and stored[name] == DEFAULT_URPX:
         raise HttpError(INVALID, f"{name!r} is reserved for the robot: give the program another name")
-    _write(_place(controller, name) if new else stored[name], data)
+    yield from _write(_place(controller, name) if new else stored[name], data)
     return name
 
 
@@ -81,14 +80,10 @@ def _place(controller: Controller, name: str) -> Path:
     return place
 
 
-def _write(place: Path, data: bytes) -> None:
-    draft = place.with_name(f".{place.name}.new")
+def _write(place: Path, data: bytes) -> Generator[None, None, None]:
     try:
-        draft.write_bytes(data)
-        os.replace(draft, place)
+        yield from writing(place, data)
     except (OSError, ValueError) as error:
-        with suppress(OSError):
-            draft.unlink()
         raise HttpError(
             INVALID, f"{place.name} cannot be written: {getattr(error, 'strerror', None) or error}"
         ) from error

@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -12,14 +12,16 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @contextmanager
-def pendant(host: str, *options: str, errors: IO[str] | None = None) -> Iterator["subprocess.Popen[str]"]:
+def pendant(
+    host: str, *options: str, errors: IO[str] | None = None, program: Sequence[str] = ("-m", "client")
+) -> Iterator["subprocess.Popen[str]"]:
     """Start a pendant for the robot at an address, at the same address; it may be killed in the meantime.
 
-    errors: file for its log.
+    errors: file for its log. program: arguments of Python that run ``ur-client``.
     """
     process = subprocess.Popen(
         [
-            *(sys.executable, "-u", "-m", "client", "pendant", "--robot-ip", host, "--host", host),
+            *(sys.executable, "-u", *program, "pendant", "--robot-ip", host, "--host", host),
             *("--with-parent", *options),
         ],
         cwd=ROOT,

@@ -1,5 +1,9 @@
 """The situation on several screens, in a browser: consistent and correct."""
 
+import os
+import re
+import signal
+
 import pytest
 from playwright.sync_api import Page, expect
 
@@ -42,6 +46,21 @@ def test_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
     finally:
         rig.control.close_safeguard()
         rig.control.reset_safeguard()
+
+
+def test_values_that_are_no_longer_renewed_are_grey(rig: Rig, open_page) -> None:
+    page = open_page("initialize")
+    old = page.get_by_test_id("old")
+    expect(page.get_by_test_id("robot-mode")).to_have_text("Normal")
+    expect(old).to_be_hidden()
+    os.kill(rig.pendant_pid, signal.SIGSTOP)
+    try:
+        expect(old).to_have_text(re.compile(r"these values are [2-9] s old"))
+        expect(page.get_by_test_id("robot-mode")).to_have_css("opacity", "0.45")
+    finally:
+        os.kill(rig.pendant_pid, signal.SIGCONT)
+    expect(old).to_be_hidden()
+    expect(page.get_by_test_id("robot-mode")).to_have_css("opacity", "1")
 
 
 @pytest.fixture

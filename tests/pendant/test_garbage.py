@@ -11,13 +11,13 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
-from client.pendant.web_security import InvalidMessages
+from client.pendant.web_security import _MAX_PAGES, InvalidMessages
 from tests.pendant.pendants import pendant
 from urproto.testing.process import claim_address
 
@@ -62,6 +62,7 @@ HEADER_VALUES = (
     *("", "-1", "1e9", "99999999999999999999", "chunked", "websocket", "[", "http://[", "bytes=9-1,-", "\xff\xfe"),
     *("a" * 9000, "localhost", "127.0.0.1:x", '"><script>', "13", "0"),
 )
+GET = b"GET /move HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"
 JSON_VALUES: tuple[Any, ...] = (None, True, -1, 1e308, "", "x", "held", [], {}, [[]], {"held": {}}, "\ud800", 10**400)
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="requires a separate address")
@@ -79,7 +80,7 @@ class Target(NamedTuple):
 
     def page(self) -> tuple[str, dict[str, str]]:
         """Text and headers of the page."""
-        text = self.request(b"GET /move HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n").decode()
+        text = self.request(GET).decode()
         head, _, body = text.partition("\r\n\r\n")
         assert head.startswith("HTTP/1.1 200"), head
         return body, dict(line.split(": ", 1) for line in head.split("\r\n")[1:])
@@ -186,21 +187,15 @@ def test_page_has_security_headers(target: Target) -> None:
 
 
 def test_invalid_web_socket_messages(target: Target, dice: random.Random) -> None:
-    page_id = page_id_of(target)
-    for _ in range(COUNT):
-        path = (
-            f"/live/{page_id}"
-            if dice.random() < 0.8
-            else dice.choice(("/live/x", "/live/", "/nosuch", "/move", "/%00"))
-        )
-        with suppress(WebSocketException, OSError), target.web_socket(path) as web:
-            for _ in range(dice.randrange(4)):
-                web.send(
-                    dice.choice(
-                        (random_message(dice), random_bytes(dice), "[" * 100_000, "", "{", '{"held": {"joint": 1e999}}')
-                    )
-                )
-            web.socket.sendall(random_bytes(dice))  # not a valid frame
+    messages = (random_bytes(dice), "[" * 100_000, "", "{", '{"held": {"joint": 1e999}}')
+    with open_page(target) as page_id:
+        for _ in range(COUNT):
+            other = dice.choice(("/live/x", "/live/", "/nosuch", "/move", "/%00"))
+            path = f"/live/{page_id}" if dice.random() < 0.8 else other
+            with suppress(WebSocketException, OSError), target.web_socket(path) as web:
+                for _ in range(dice.randrange(4)):
+                    web.send(dice.choice((random_message(dice), *messages)))
+                web.socket.sendall(random_bytes(dice))  # not a valid frame
 
 
 def test_invalid_events(target: Target, dice: random.Random) -> None:
@@ -225,19 +220,59 @@ def test_invalid_events(target: Target, dice: random.Random) -> None:
 
 
 def test_oversized_message(target: Target) -> None:
-    with suppress(WebSocketException, OSError), target.web_socket(f"/live/{page_id_of(target)}") as web:
+    with open_page(target) as page_id, target.web_socket(f"/live/{page_id}") as web:
+        assert web.recv(20).startswith("[[")  # the values of a page that is built
         web.send("x" * 2_000_000)
-        web.recv(20)
-        while True:
-            web.recv(20)
+        with suppress(WebSocketException, OSError):
+            while True:
+                web.recv(20)
+
+
+@contextmanager
+def open_page(target: Target) -> Iterator[str]:
+    """Opens a page as a browser does: the page is built when its web socket is open. The value is its id."""
+    page_id = page_id_of(target)
+    query = f"client_id={page_id}&tab_id=t&document_id=d&next_message_id=0&implicit_handshake=true"
+    with target.web_socket(f"/_nicegui_ws/socket.io/?EIO=4&transport=websocket&{query}") as web:
+        web.send("40")
+        while not str(web.recv(20)).startswith('42["update"'):
+            pass
+        yield page_id
 
 
 def page_id_of(target: Target) -> str:
-    """The id of an open page."""
+    """The id of a page that was requested."""
     body, _ = target.page()
     match = re.search(r"""["']client_id["']: ?["']([\w-]+)""", body)
     assert match, body
     return match[1]
+
+
+def test_pages_that_never_connect_are_small_and_forgotten(tmp_path: Path) -> None:
+    """Hundreds of requests by a monitoring program, or by someone with bad intentions, are not hundreds of pages."""
+    soon = "import client.pendant.server as server; server._CONNECTION_TIMEOUT_S = 3.0; "
+    program = ("-c", f"{soon}from client.cli import app; app()")
+    address = claim_address()
+    try:
+        with (tmp_path / "log").open("w") as log, pendant(address.host, program=program, errors=log) as process:
+            target = Target(address.host, tmp_path / "log")
+            target.page()
+            before = memory_mib(process.pid)
+            answers = [target.request(GET)[9:12] for _ in range(_MAX_PAGES + 20)]
+            assert memory_mib(process.pid) - before < 0.1 * _MAX_PAGES
+            if answers[-1] == b"200":  # on a slow machine, the first are forgotten before the last arrive
+                return
+            assert set(answers) == {b"200", b"503"}
+            deadline = time.monotonic() + 60.0
+            while target.request(GET)[9:12] != b"200":
+                assert time.monotonic() < deadline, "pages without a web socket are kept"
+                time.sleep(0.1)
+    finally:
+        address.release()
+
+
+def memory_mib(pid: int) -> float:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def random_message(dice: random.Random) -> str:

@@ -53,8 +53,8 @@ def run(program: str, *arguments: str) -> str:
 
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_a_file_that_cannot_grow_reports_how_much_it_contains(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"run{suffix}"
-    count, _, error_text = run(FULL, str(path)).partition(" ")
+    count, _, error_text = run(FULL, str(tmp_path / f"run{suffix}")).partition(" ")
+    path = tmp_path / f"run.unfinished{suffix}"
     found = read(path)
     reported = re.fullmatch(
         rf"{path} can no longer be written: File too large; (\d+) states are certainly in the file, the last (\d+) "
@@ -95,10 +95,9 @@ while True:
 
 def test_a_killed_recorder_loses_at_most_one_second(tmp_path: Path) -> None:
     """Even with few and small states, which do not fill a chunk or buffer for minutes."""
-    paths = [tmp_path / f"run{suffix}" for suffix in FORMATS]
-    with subprocess.Popen(
-        [sys.executable, "-c", KILLED, *map(str, paths)], stdout=subprocess.PIPE, text=True
-    ) as killed:
+    paths = [tmp_path / f"run.unfinished{suffix}" for suffix in FORMATS]
+    named = [str(tmp_path / f"run{suffix}") for suffix in FORMATS]
+    with subprocess.Popen([sys.executable, "-c", KILLED, *named], stdout=subprocess.PIPE, text=True) as killed:
         assert killed.stdout
         last = 0.0
         while last < 12.0:

@@ -8,7 +8,7 @@ import pytest
 
 CHAOS = Path(__file__).resolve().parents[2] / "benchmarks" / "chaos.py"
 SCENARIOS = (
-    "flood", "drivers", "hostile", "descriptors", "disk", "memory", "clock", "slow", "clients", "soak",
+    "flood", "drivers", "hostile", "descriptors", "disk", "memory", "clock", "slow", "clients", "soak", "mixed",
 )  # fmt: skip
 HERE = ("descriptors", "disk", "memory", "soak")
 """Those whose bars hold on a busy machine too; the others measure time, and belong to `make chaos`."""

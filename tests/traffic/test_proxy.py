@@ -237,8 +237,9 @@ async def test_ctrl_c_ends_the_command_with_a_complete_recording(tmp_path):
             command.kill()
             command.communicate()
     assert lines == [
-        f"tool line: {listen}:{port} -> {HOST}:{port}\n", f"Recording to {tmp_path / 'file'}. Ctrl-C ends it.\n",
-    ]  # fmt: skip
+        f"tool line: {listen}:{port} -> {HOST}:{port}\n",
+        f"Recording to {tmp_path / 'file'} (file.unfinished until it ends). Ctrl-C ends it.\n",
+    ]
     assert command.returncode == 0
     (one,) = TrafficRecording.read(tmp_path / "file").conversations
     assert (one.port, one.sent(from_server=True)) == (54321, b"cba")

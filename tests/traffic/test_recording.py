@@ -117,7 +117,7 @@ def test_flushed_data_survives_without_close(tmp_path):
     recorder = TrafficRecorder(tmp_path / "file")
     recorder.connection(*ends(29999)).data(True, b"power on\n")
     recorder.flush()
-    recording = TrafficRecording.read(tmp_path / "file")
+    recording = TrafficRecording.read(recorder.place)
     assert recording.conversations[0].sent(from_server=False) == b"power on\n"
     assert recording.problems == []
     recorder.close()
@@ -135,8 +135,9 @@ def test_a_full_disk_is_reported_once_and_leaves_complete_packets(tmp_path, monk
     one.data(True, b"play\n")
     recorder.close()
     assert len(reported) == 1
+    assert reported[0].startswith(f"{tmp_path / 'file.unfinished'} can no longer be written")
     assert reported[0].endswith("No space left on device")
-    recording = TrafficRecording.read(tmp_path / "file")
+    recording = TrafficRecording.read(tmp_path / "file.unfinished")
     assert recording.conversations[0].sent(from_server=False) == b"power on\n"
     assert recording.problems == []
 

@@ -4,11 +4,10 @@ A program ``x`` has three files: ``x.urp`` is the program, ``x.script`` the URSc
 tree for people. Only the first one is read again.
 """
 
-import os
-import tempfile
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from urproto.durable import write_file
 from urproto.facts import Situation, find
 from urproto.robots import RobotModel
 from urproto.text import to_bytes
@@ -114,18 +113,3 @@ def save_program(editor: ProgramEditor, path: Path) -> str:
     export(editor, path.with_suffix(TEXT_SUFFIX))
     editor.saved()
     return problem
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a file atomically. Raises OSError."""
-    handle, draft = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(draft).chmod(path.stat().st_mode & 0o777 if path.exists() else 0o644)
-        Path(draft).replace(path)
-    except BaseException:
-        Path(draft).unlink(missing_ok=True)
-        raise

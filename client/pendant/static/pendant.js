@@ -11,6 +11,7 @@ const pendant = (() => {
   let holder = null;
   let heartbeat = 0;
   let recordLoss = null; // records when the connection was lost
+  let receivedAt = null; // time of the last message [ms]: the pendant sends one at least every 0.4 s
   const context = {}; // functions by name, whose values are sent with every message of a held button
 
   function element(id) {
@@ -38,6 +39,8 @@ const pendant = (() => {
   }
 
   function receive(changes) {
+    receivedAt = performance.now();
+    if ("old" in document.body.dataset) showAge();
     for (const change of changes) {
       const key = `${change[0]} ${change[1]}`;
       const queue = (change[1] === "lines" && pending.get(key)) || [];
@@ -53,6 +56,18 @@ const pendant = (() => {
   }
 
   setInterval(() => pending.forEach(drain), 100);
+
+  // Values that the pendant no longer renews are grey, and a line says how old they are.
+  function showAge() {
+    const seconds = receivedAt === null ? 0 : Math.floor((performance.now() - receivedAt) / 1000);
+    const banner = document.querySelector(".old");
+    if (!banner) return;
+    document.body.toggleAttribute("data-old", seconds > 0);
+    banner.dataset.state = seconds > 0 ? "lost" : "ok";
+    banner.lastElementChild.textContent = `The pendant does not answer: these values are ${seconds} s old.`;
+  }
+
+  setInterval(showAge, 250);
 
   // After a restart the pendant does not know this page, and after some time without messages it has discarded it.
   // NiceGUI then reloads the page, and the reloaded page tells the user what happened.
