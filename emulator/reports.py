@@ -5,7 +5,6 @@ each kind are kept. Their contents are the emulator's own. The name of a support
 flight reports, come from the e-Series dashboard manual.
 """
 
-import os
 import tempfile
 import zipfile
 from calendar import isleap, monthrange

@@ -30,7 +30,6 @@ from urproto.text import lower, strip
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.installation_file import read_installation_steps
-from urscript.work import Steps
 
 _T = TypeVar("_T")
 _Waiting = Generator[None, None, str]
