@@ -31,6 +31,9 @@ _PATH: Final = (
 )
 _UNLOCK: Final = "wait until 5 s after the stop, find its cause, then try again"
 _ROLE: Final = "check the roles that are set up on the pendant"
+_REFUSALS: Final = ("could not understand", "failed", "error", "file not found", "cannot", "command is not allowed")
+WORDS: Final = (*(COMMANDS[phrase].words for phrase in sorted(COMMANDS)),)
+"""All commands in alphabetical order, without arguments, which follow the command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,10 +216,6 @@ _WITH_ARGUMENT: Final[dict[str, Callable[[str], Operation[str] | Operation[None]
     "generate flight report": generate_flight_report,
     "generate support file": generate_support_file,
 }
-_REFUSALS: Final = ("could not understand", "failed", "error", "file not found", "cannot", "command is not allowed")
-
-WORDS: Final = (*(COMMANDS[phrase].words for phrase in sorted(COMMANDS)),)
-"""All commands in alphabetical order, without arguments, which follow the command."""
 
 
 def command(line: str) -> Operation[str]:

@@ -34,6 +34,31 @@ from urproto.rtde.fields import MAX_TIMESTAMP_S
 from urproto.rtde.types import IN_USE
 from urproto.text import quoted
 
+_PACKAGES = ("ur-emulator", "ur-rtde", "pin", "numpy")
+_MIN_PRIORITY = 1  # any real-time priority is above everything else
+_PRIORITY = (
+    "sudo groupadd -f realtime && sudo usermod -aG realtime $USER && "
+    "echo '@realtime - rtprio 99' | sudo tee /etc/security/limits.d/99-realtime.conf, then log in again"
+)
+_CONTAINER = (
+    "in a container: docker run --cap-add SYS_NICE --ulimit rtprio=99; on a host: sysctl kernel.sched_rt_runtime_us"
+)
+_PORTS: Final = {"primary": primary.PORT, "RTDE": rtde.PORT, "dashboard": dashboard.PORT, "realtime": realtime.PORT}
+_ALTERNATIVES: Final = {"dashboard": ("Robot API", robotapi.PORT)}  # what PolyScope X has instead of a port
+_REQUIRED: Final = ("primary", "RTDE")
+_CONNECT_S: Final = 2.0
+_REPLIES: Final = 20
+_STREAM_S: Final = 4.0  # guess: a robot that falls silent now and then does so within this time
+_SILENCE_S: Final = 0.5  # guess: longer than any network and any controller under load
+_DRIVER_INPUT: Final = "speed_slider_mask"  # every driver writes it
+_READ_BYTES: Final = 4096
+_MODE: Final = "robotmode"
+_MODE_ANSWER: Final = "Robotmode: "
+_QUERIES: Final = (_MODE, "programState", "running", "get loaded program")  # every version has them
+_SLOW_CONNECT_S: Final = 0.005  # guess: a cable through a switch takes less than 1 ms
+_LATE: Final = 1.0  # periods; a servo setpoint for this state comes one period late
+_WIFI: Final = "use a direct cable to this machine's network card, without other traffic"
+
 
 class Grade(StrEnum):
     """Severity of a finding."""
@@ -57,9 +82,6 @@ class Finding:
 def exit_status(findings: list[Finding]) -> int:
     """1 if something will not work, otherwise 0."""
     return int(any(finding.grade is Grade.BROKEN for finding in findings))
-
-
-_PACKAGES = ("ur-emulator", "ur-rtde", "pin", "numpy")
 
 
 def examine_versions() -> Iterator[Finding]:
@@ -105,17 +127,6 @@ def _compare(found: Calibration, file: Path | None, again: str, *, nominal: bool
     if not given.is_whole:
         return Finding(Grade.BROKEN, "calibration", f"the numbers in {file} do not match its hash", again)
     return Finding(Grade.GOOD, "calibration", f"{file} matches this robot, {found.hash}")
-
-
-_MIN_PRIORITY = 1  # any real-time priority is above everything else
-_PRIORITY = (
-    "sudo groupadd -f realtime && sudo usermod -aG realtime $USER && "
-    "echo '@realtime - rtprio 99' | sudo tee /etc/security/limits.d/99-realtime.conf, then log in again"
-)
-
-_CONTAINER = (
-    "in a container: docker run --cap-add SYS_NICE --ulimit rtprio=99; on a host: sysctl kernel.sched_rt_runtime_us"
-)
 
 
 def examine_machine() -> Iterator[Finding]:
@@ -183,23 +194,6 @@ def governor(root: Path) -> Finding:
         return Finding(Grade.GOOD, subject, "always at maximum")
     kinds = ", ".join(f"{count} x {kind}" for kind, count in found.items())
     return Finding(Grade.WEAK, subject, f"varies: {kinds}", "sudo cpupower frequency-set -g performance")
-
-
-_PORTS: Final = {"primary": primary.PORT, "RTDE": rtde.PORT, "dashboard": dashboard.PORT, "realtime": realtime.PORT}
-_ALTERNATIVES: Final = {"dashboard": ("Robot API", robotapi.PORT)}  # what PolyScope X has instead of a port
-_REQUIRED: Final = ("primary", "RTDE")
-_CONNECT_S: Final = 2.0
-_REPLIES: Final = 20
-_STREAM_S: Final = 4.0  # guess: a robot that falls silent now and then does so within this time
-_SILENCE_S: Final = 0.5  # guess: longer than any network and any controller under load
-_DRIVER_INPUT: Final = "speed_slider_mask"  # every driver writes it
-_READ_BYTES: Final = 4096
-_MODE: Final = "robotmode"
-_MODE_ANSWER: Final = "Robotmode: "
-_QUERIES: Final = (_MODE, "programState", "running", "get loaded program")  # every version has them
-_SLOW_CONNECT_S: Final = 0.005  # guess: a cable through a switch takes less than 1 ms
-_LATE: Final = 1.0  # periods; a servo setpoint for this state comes one period late
-_WIFI: Final = "use a direct cable to this machine's network card, without other traffic"
 
 
 def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:

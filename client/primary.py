@@ -38,6 +38,15 @@ from urproto.versions import PolyscopeVersion
 
 _BOOT_S: Final = 60.0  # guess: switching an arm on takes up to half a minute
 _SOON_S: Final = 5.0
+_SAFETY: Final = "check the safety mode, and on e-Series switch to Remote Control and connect again"
+_PROGRAM: Final = "on e-Series switch to Remote Control and connect again"
+_STANDING: Final = "stop the program and bring the arm to rest first; on e-Series use the switch on the robot's pendant"
+PORT = 30001
+_MAX_KEPT: Final = 100  # messages of each kind; older ones are dropped
+_START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
+_STATES_OF_A_SECONDARY: Final = 3  # guess: states after which no error of it can follow; errors come within one period
+_READ_ONLY: Final = 210  # error code of a script port while the robot is in local control
+_LOCAL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +63,6 @@ def _mode(*modes: RobotMode) -> Callable[[ModeData], bool]:
     return lambda state: state.robot_mode in modes
 
 
-_SAFETY: Final = "check the safety mode, and on e-Series switch to Remote Control and connect again"
-_PROGRAM: Final = "on e-Series switch to Remote Control and connect again"
-
 POWER_ON = TextCommand("power on", _mode(RobotMode.IDLE, RobotMode.RUNNING), _BOOT_S, _SAFETY)
 POWER_OFF = TextCommand("power off", _mode(RobotMode.POWER_OFF), _SOON_S, _PROGRAM)
 BRAKE_RELEASE = TextCommand("set robotmode run", _mode(RobotMode.RUNNING), _BOOT_S, _SAFETY)
@@ -71,20 +77,11 @@ PAUSE_PROGRAM = TextCommand(
     "pause program", lambda state: state.program_paused or not state.program_running, _SOON_S, _PROGRAM
 )
 RESUME_PROGRAM = TextCommand("resume program", lambda state: not state.program_paused, _SOON_S, _SAFETY)
-_STANDING: Final = "stop the program and bring the arm to rest first; on e-Series use the switch on the robot's pendant"
 SIMULATE = TextCommand("set sim", lambda state: not state.real_robot_enabled, _SOON_S, _STANDING)
 REAL_ROBOT = TextCommand("set real", lambda state: state.real_robot_enabled, _SOON_S, _STANDING)
 
 
-PORT = 30001
-
 Found = TypeVar("Found")
-
-_MAX_KEPT: Final = 100  # messages of each kind; older ones are dropped
-_START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
-_STATES_OF_A_SECONDARY: Final = 3  # guess: states after which no error of it can follow; errors come within one period
-_READ_ONLY: Final = 210  # error code of a script port while the robot is in local control
-_LOCAL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 
 
 class PrimaryCore:

@@ -32,6 +32,12 @@ Names = Sequence[str] | Path  # variables, or a file that lists them
 
 _CLOSE_NAMES = 5  # suggestions for an unknown name
 _MASK = "_mask"  # masks select what the same package changes, so their values are not kept between writes
+_MAX_MESSAGES = 100  # text messages kept for the caller; older ones are dropped
+_NEGOTIATION_ATTEMPTS = 10  # after a loss; guess: a booting controller closes its first connections
+_RETRY_S = 0.5
+_LOST = (ConnectionLostError, NoAnswerError, RobotUnreachableError)
+PORT = 30004
+_RECONNECT_S = 60.0  # guess: a controller boots in about a minute
 
 
 def read_recipe(path: Path) -> tuple[str, ...]:
@@ -141,12 +147,6 @@ class ReceivedState(RecipeValues):
     def age_s(self) -> float:
         """The state is not older than this [s]."""
         return time.monotonic() - self.taken_after_s
-
-
-_MAX_MESSAGES = 100  # text messages kept for the caller; older ones are dropped
-_NEGOTIATION_ATTEMPTS = 10  # after a loss; guess: a booting controller closes its first connections
-_RETRY_S = 0.5
-_LOST = (ConnectionLostError, NoAnswerError, RobotUnreachableError)
 
 
 class RTDECore:
@@ -451,10 +451,6 @@ def _advice(types: tuple[str, ...]) -> str:
     if IN_USE in types:
         return "another client (or fieldbus) writes it: disconnect that client, or use other registers"
     return "this controller's version does not have it: leave it out, or ignore unavailable outputs"
-
-
-PORT = 30004
-_RECONNECT_S = 60.0  # guess: a controller boots in about a minute
 
 
 class _Recipes(Connection):

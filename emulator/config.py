@@ -43,6 +43,15 @@ from urscript.polyscope.safety_section import SafetySettingsError
 if TYPE_CHECKING:
     from emulator.faults.fault import Fault
 
+_FIRST_VERSION: Final = {  # the other ports are as old as the series
+    "interpreter": INTERPRETER_MODE,
+    "dashboard": DASHBOARD_SERVER,
+    "robot api": WEB_SERVER,
+    "rtde": RTDE,
+}
+_LOOPBACK: Final = "127.0.0.1"
+_FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
+
 
 @dataclass(frozen=True, slots=True)
 class MissingService:
@@ -73,14 +82,6 @@ NOT_EMULATED: Final = (
 
 
 _logger = logging.getLogger(__name__)
-_FIRST_VERSION: Final = {  # the other ports are as old as the series
-    "interpreter": INTERPRETER_MODE,
-    "dashboard": DASHBOARD_SERVER,
-    "robot api": WEB_SERVER,
-    "rtde": RTDE,
-}
-_LOOPBACK: Final = "127.0.0.1"
-_FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
 
 
 class ConfigError(ValueError):

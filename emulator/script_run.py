@@ -29,6 +29,21 @@ if TYPE_CHECKING:
 
 Setter: TypeAlias = Callable[[Controller, int, float], Any]
 
+_NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")
+_INPUTS: Final[Mapping[str, tuple[int, Setter]]] = {
+    "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value))),
+    "configurable": (8, lambda c, n, value: c.signals.set_digital_input(CONFIGURABLE, n, bool(value))),
+    "tool": (2, lambda c, n, value: c.signals.set_digital_input(TOOL, n, bool(value))),
+    "analog": (2, lambda c, n, value: c.signals.analog_inputs.__setitem__(n, value)),
+    "tool-analog": (2, lambda c, n, value: c.signals.tool_analog_inputs.__setitem__(n, value)),
+}
+_REGISTERS: Final[Mapping[str, tuple[int, Setter]]] = {
+    "bool": (128, lambda c, n, value: c.registers.input.set_bit(n, bool(value))),
+    "int": (48, lambda c, n, value: c.registers.input.set_int(n, int(value))),
+    "float": (48, lambda c, n, value: c.registers.input.set_double(n, value)),
+}
+_TRUTHS: Final = {"true": 1.0, "false": 0.0}
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -127,22 +142,6 @@ def _injected(options: Namespace, controller: Controller) -> "FaultInjector | No
         except FaultImpossibleError as error:
             raise ValueError(f"{text}: {error}") from error
     return injector
-
-
-_NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")
-_INPUTS: Final[Mapping[str, tuple[int, Setter]]] = {
-    "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value))),
-    "configurable": (8, lambda c, n, value: c.signals.set_digital_input(CONFIGURABLE, n, bool(value))),
-    "tool": (2, lambda c, n, value: c.signals.set_digital_input(TOOL, n, bool(value))),
-    "analog": (2, lambda c, n, value: c.signals.analog_inputs.__setitem__(n, value)),
-    "tool-analog": (2, lambda c, n, value: c.signals.tool_analog_inputs.__setitem__(n, value)),
-}
-_REGISTERS: Final[Mapping[str, tuple[int, Setter]]] = {
-    "bool": (128, lambda c, n, value: c.registers.input.set_bit(n, bool(value))),
-    "int": (48, lambda c, n, value: c.registers.input.set_int(n, int(value))),
-    "float": (48, lambda c, n, value: c.registers.input.set_double(n, value)),
-}
-_TRUTHS: Final = {"true": 1.0, "false": 0.0}
 
 
 def _stimulus(text: str, known: Mapping[str, tuple[int, Setter]]) -> Stimulus:

@@ -49,6 +49,18 @@ _ABOUT = {
     "tool line": "the tool's serial line",
     "gripper": "text commands",
 }
+_ANY: Final = "0.0.0.0"
+_REMOTE_CONTROL: Final = COMMANDS["is in remote control"].available
+_SIMULATOR_ADDRESSES: Final = ("127.0.0.1", "localhost", "192.168.56.101")  # what ur_rtde takes for a simulator
+_MISSING: Final = (
+    "No teach pendant: its packages are not installed. Run pip install '.[pendant]' in the folder of ur-emulator, or "
+    "use --no-pendant to omit this line."
+)
+_FAILED: Final = "No teach pendant: its process failed; see the lines above. --pendant-port selects another port."
+_MANUAL_START: Final = "The robot keeps running. To start a pendant: ur-client pendant {options}"
+_GOODBYE_S: Final = 3.0  # guess: time limit for a clean exit
+_BACKOFF_S: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # before each restart after consecutive failures; then no more
+_STEADY_S: Final = 60.0  # guess: a pendant that ran for this long did not fail because of its start
 
 
 def first_screen(emulator: Emulator) -> RenderableType:
@@ -143,20 +155,6 @@ def _first_steps(emulator: Emulator) -> Text:
         f'    robot = RTDEControlInterface("{host}")\n'
         "    robot.moveJ([0.3, -1.2, 1.0, -1.4, -1.57, 0.0])"
     )
-
-
-_ANY: Final = "0.0.0.0"
-_REMOTE_CONTROL: Final = COMMANDS["is in remote control"].available
-_SIMULATOR_ADDRESSES: Final = ("127.0.0.1", "localhost", "192.168.56.101")  # what ur_rtde takes for a simulator
-_MISSING: Final = (
-    "No teach pendant: its packages are not installed. Run pip install '.[pendant]' in the folder of ur-emulator, or "
-    "use --no-pendant to omit this line."
-)
-_FAILED: Final = "No teach pendant: its process failed; see the lines above. --pendant-port selects another port."
-_MANUAL_START: Final = "The robot keeps running. To start a pendant: ur-client pendant {options}"
-_GOODBYE_S: Final = 3.0  # guess: time limit for a clean exit
-_BACKOFF_S: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # before each restart after consecutive failures; then no more
-_STEADY_S: Final = 60.0  # guess: a pendant that ran for this long did not fail because of its start
 
 
 class Pendant:

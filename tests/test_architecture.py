@@ -18,6 +18,8 @@ ROOT = Path(__file__).resolve().parents[1]
 LAYERS = runpy.run_path(str(Path(__file__).with_name("layers.py")))
 PACKAGES = ("urproto", "urscript", "emulator", "client")
 
+CODE = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
 # package -> the project's packages it may import
 MAY_IMPORT = {
     "urproto": {"urproto"},
@@ -327,6 +329,27 @@ def test_no_import_cycles() -> None:
 def test_files_stay_short() -> None:
     lengths = {name: len(module_path(name).read_text().splitlines()) for name in modules()}
     assert_none(f"{name} has {lines} lines: split it" for name, lines in lengths.items() if lines > LONGEST_FILE)
+
+
+def test_constants_stand_above_the_code() -> None:
+    """Except those that need a class or function of their module."""
+    assert_none(f"{name} defines {constant} below its code" for name in modules() for constant in _late_constants(name))
+
+
+def _late_constants(name: str) -> Iterator[str]:
+    body = syntax_tree(name).body
+    code = next((i for i, node in enumerate(body) if isinstance(node, CODE)), len(body))
+    own = {node.name for node in body if isinstance(node, CODE)}
+    for node in body[code:]:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            used = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+            for target in targets:
+                if isinstance(target, ast.Name):
+                    if target.id.isupper() and not used & own:
+                        yield target.id
+                    else:
+                        own.add(target.id)
 
 
 def test_only_one_module_chooses_the_encoding_of_foreign_text() -> None:

@@ -38,6 +38,11 @@ _MAX_GREETING: Final = 128  # bytes; guess
 
 _MAX_VALUE: Final = (2**31 - 1) / SCALE
 _WORD: Final = struct.Struct(">i")
+_REVERSE: Final = struct.Struct(">8i")
+_TRAJECTORY: Final = struct.Struct(">21i")
+_COMMAND: Final = struct.Struct(">28i")
+_FINE: Final = 1_000_000_000
+_MAX_VALUES: Final = 36  # a 6 by 6 matrix
 
 
 class ControlMode(IntEnum):
@@ -267,9 +272,6 @@ class ReverseMessage:
         return cls(_member(ControlMode, mode), tuple(words), timeout)
 
 
-_REVERSE: Final = struct.Struct(">8i")
-
-
 # 50003
 
 
@@ -336,9 +338,6 @@ class TrajectoryPoint:
         if motion is MotionType.SPLINE:
             return cls(motion, *blocks, values[18], spline_type=_member(SplineType, last))
         return cls(motion, *blocks, values[18], last / SCALE)
-
-
-_TRAJECTORY: Final = struct.Struct(">21i")
 
 
 # 50004
@@ -477,9 +476,6 @@ class ScriptCommand:
         return cls(_member(ScriptCommandKind, kind), tuple(words))
 
 
-_COMMAND: Final = struct.Struct(">28i")
-
-
 def _to_two_words(value: float) -> tuple[int, int]:
     """A value in millionths, and the remainder in billionths of a millionth."""
     to_words([value])  # raises if the value cannot be sent
@@ -489,9 +485,6 @@ def _to_two_words(value: float) -> tuple[int, int]:
 
 def _from_two_words(whole: int, rest: int) -> float:
     return (whole + rest / _FINE) / SCALE
-
-
-_FINE: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -539,9 +532,6 @@ class ReplyDecoder:
             message, self._buffer = self._buffer[:size], self._buffer[size:]
             messages.append(self.decode(message))
         return messages
-
-
-_MAX_VALUES: Final = 36  # a 6 by 6 matrix
 
 
 # streams

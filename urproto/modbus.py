@@ -15,6 +15,8 @@ from urproto.errors import LocalProtocolError, RemoteProtocolError
 _HEADER: Final = struct.Struct(">HHHB")  # transaction, protocol (0), bytes that follow, unit
 _ERROR_BIT: Final = 0x80
 _MAX_PDU: Final = 253  # bytes
+_MAX_WRITTEN_WHILE_READING: Final = 121
+_COIL_ON: Final = 0xFF00
 
 
 class Function(IntEnum):
@@ -52,8 +54,6 @@ _MAX_COUNT: Final[dict[int, int]] = {  # values in one request
     _F.WRITE_REGISTERS: 123,
     _F.READ_WRITE_REGISTERS: 125,
 }
-_MAX_WRITTEN_WHILE_READING: Final = 121
-_COIL_ON: Final = 0xFF00
 
 
 class ModbusException(Exception):  # noqa: N818 - the protocol's own term

@@ -21,6 +21,12 @@ RealtimeState = dict[str, Any]
 
 _SIZE = struct.Struct(">i")
 _MAX_SIZE = 65536  # bytes; guess: ample, since the longest known packet has 1220
+_FROM_3_0 = Availability.since("3.0", "5.0")
+_FROM_3_2 = Availability.since("3.2", "5.0")
+_FROM_3_5 = Availability.since("3.5", "5.0")
+_FROM_5_1 = Availability.since(None, "5.1")
+_FROM_5_4 = Availability.since(None, "5.4")
+_FROM_5_10 = Availability.since(None, "5.10")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +43,6 @@ class Column:
         """Struct layout, without byte order."""
         return f"{self.count}{self.letter}"
 
-
-_FROM_3_0 = Availability.since("3.0", "5.0")
-_FROM_3_2 = Availability.since("3.2", "5.0")
-_FROM_3_5 = Availability.since("3.5", "5.0")
-_FROM_5_1 = Availability.since(None, "5.1")
-_FROM_5_4 = Availability.since(None, "5.4")
-_FROM_5_10 = Availability.since(None, "5.10")
 
 COLUMNS = (
     Column("timestamp", 1, _FROM_3_0),

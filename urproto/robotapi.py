@@ -35,6 +35,21 @@ MAX_UPLOAD: Final = 1024 * 1024 + 64 * 1024
 
 Method = Literal["GET", "PUT", "POST"]
 
+_UPDATING: Final = "UPDATING"
+ROBOT_MODES: Final = (
+    "NO_CONTROLLER",
+    "DISCONNECTED",
+    "CONFIRM_SAFETY",
+    "BOOTING",
+    "POWER_OFF",
+    "POWER_ON",
+    "IDLE",
+    "BACKDRIVE",
+    "RUNNING",
+    _UPDATING,
+)
+SAFETY_MODES: Final = ("NORMAL", "REDUCED", "FAULT", "PROTECTIVE_STOP", "EMERGENCY_STOP")
+
 
 class StateAction(StrEnum):
     """Actions on the arm."""
@@ -105,22 +120,6 @@ ENDPOINTS: Final = (
 def api_version(version: PolyscopeVersion) -> str:
     """The version of the API, from which clients derive its features."""
     return find("robot_api.version", Situation(version)).value
-
-
-_UPDATING: Final = "UPDATING"
-ROBOT_MODES: Final = (
-    "NO_CONTROLLER",
-    "DISCONNECTED",
-    "CONFIRM_SAFETY",
-    "BOOTING",
-    "POWER_OFF",
-    "POWER_ON",
-    "IDLE",
-    "BACKDRIVE",
-    "RUNNING",
-    _UPDATING,
-)
-SAFETY_MODES: Final = ("NORMAL", "REDUCED", "FAULT", "PROTECTIVE_STOP", "EMERGENCY_STOP")
 
 
 def safety_word(mode: SafetyMode) -> str:

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import Final
 
+SIGNALS: Final = 18
+"""Digital signals of one direction: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
+
 
 @dataclass(frozen=True, slots=True)
 class DigitalGroup:
@@ -30,9 +33,6 @@ TOOL: Final = DigitalGroup("tool", "T", 16, 2)
 
 DIGITAL_GROUPS: Final = (STANDARD, CONFIGURABLE, TOOL)
 """The groups in the order of their bits: standard and configurable signals of the control box, signals at the tool."""
-
-SIGNALS: Final = 18
-"""Digital signals of one direction: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
 
 
 def digital_signal(number: int) -> tuple[DigitalGroup, int]:

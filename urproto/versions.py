@@ -11,6 +11,8 @@ from typing import Final
 
 from urproto.compat import Self
 
+_POLYSCOPE_X: Final = 10
+
 
 class Series(Enum):
     """Controller generation. The control period depends only on the series."""
@@ -70,7 +72,6 @@ class PolyscopeVersion:
         return f"{self.short}.{self.build}" if self.build else self.short
 
 
-_POLYSCOPE_X: Final = 10
 _FIRST_X: Final = PolyscopeVersion(10, 0)
 
 DEFAULT_VERSION = {

@@ -20,6 +20,11 @@ _WORK = 8  # to plan a function, without its calls
 _PLAIN_COST = 400
 """Maximum work of a plain function including everything it calls [meter units]: about 20 us."""
 
+WHOLE = 350
+"""Maximum cost of a function's own body that Python compiles in one go, which takes less than 2 ms. A longer body
+becomes a generator and is divided. The value is a compromise: arithmetic takes twice as long with variables that pieces
+share."""
+
 
 @dataclass(frozen=True, slots=True)
 class FunctionPlan:
@@ -34,12 +39,6 @@ class FunctionPlan:
     cost: int  # including everything it calls [meter units]
     generator: bool
     recursive: bool  # calls itself, directly or indirectly, or such a function: counts its call depth
-
-
-WHOLE = 350
-"""Maximum cost of a function's own body that Python compiles in one go, which takes less than 2 ms. A longer body
-becomes a generator and is divided. The value is a compromise: arithmetic takes twice as long with variables that pieces
-share."""
 
 
 def plan_functions(

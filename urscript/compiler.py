@@ -34,6 +34,15 @@ STRUCT = Availability.since(None, "5.14")
 RESIZABLE_LISTS = availability("list.resizable")
 """Earlier versions report "Resizing of 'List' is not supported"."""
 
+_CACHE_SIZE = 64  # programs
+_CACHE_CHARACTERS = 4_000_000  # of all source texts together: compiled programs are some twenty times as large
+_FUNCTION_WORK = 60  # of Python's compiler, per function
+_RELEASE_WORK = 5  # to free a function that is not compiled, without its statements
+_SLICE = 20  # functions freed at a time
+_MAX_HINTS = 5  # unknown names for which a similar one is searched when all errors are collected
+_STARTING_WORK = 10  # to create the namespace of a run, which follows immediately, without its contents
+_PYTHON_WORK = 6  # of Python's compiler, per expression and statement
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledProgram:
@@ -57,17 +66,8 @@ class CompiledProgram:
         return RESIZABLE_LISTS.covers(self.version)
 
 
-_CACHE_SIZE = 64  # programs
-_CACHE_CHARACTERS = 4_000_000  # of all source texts together: compiled programs are some twenty times as large
 _Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
 _cache: dict[_Key, CompiledProgram] = {}  # least recently used first
-
-_FUNCTION_WORK = 60  # of Python's compiler, per function
-_RELEASE_WORK = 5  # to free a function that is not compiled, without its statements
-_SLICE = 20  # functions freed at a time
-_MAX_HINTS = 5  # unknown names for which a similar one is searched when all errors are collected
-_STARTING_WORK = 10  # to create the namespace of a run, which follows immediately, without its contents
-_PYTHON_WORK = 6  # of Python's compiler, per expression and statement
 
 
 def compile_script(

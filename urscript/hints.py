@@ -152,6 +152,17 @@ FUNCTIONS: Final[Mapping[str, str]] = {
 _LOOK_BACK: Final = 40
 """Tokens of a line that are searched for a ``return``, and most letters of a number in another base."""
 
+_WORK: Final = 1  # to check the indentation of a token
+_SLICE: Final = 50  # tokens between two yields
+_OPENING: Final = frozenset(["def", "sec", "thread", "if", "while"])
+_BLOCK_WORDS: Final = _OPENING | {"for", "function", "switch", "else", "elif"}
+_MAX_CANDIDATES = 2000
+"""Limit for the search for a similar name: the number of known names, and the length of the unknown one."""
+
+_SIMILAR = 0.6  # ratio of `difflib`, from 0 to 1, above which a name counts as similar
+_COMPARING_WORK = 3, 12  # to compare which letters two names have, and in which order
+_COMPARED = 60  # work between two yields
+
 
 def syntax_hint(tokens: Sequence[Token], at: int, started: int) -> str:
     """A hint on what may be wrong where a text does not parse; empty when there is none.
@@ -242,12 +253,6 @@ def _adjacent(left: Token, right: Token) -> bool:
 
 # blocks and their ends
 
-_WORK: Final = 1  # to check the indentation of a token
-_SLICE: Final = 50  # tokens between two yields
-
-_OPENING: Final = frozenset(["def", "sec", "thread", "if", "while"])
-_BLOCK_WORDS: Final = _OPENING | {"for", "function", "switch", "else", "elif"}
-
 
 def end_with_word(tokens: Sequence[Token], at: int) -> Cause:
     """The cause to report for an ``end if``, ``end while`` or similar at a token."""
@@ -328,14 +333,6 @@ def _shows_a_missing_end(token: Token, block: _Block, around: Sequence[_Block]) 
     if token.kind in ("end", "else", "elif"):
         return token.column < block.column and any(outer.column == token.column for outer in around)
     return token.column <= block.column
-
-
-_MAX_CANDIDATES = 2000
-"""Limit for the search for a similar name: the number of known names, and the length of the unknown one."""
-
-_SIMILAR = 0.6  # ratio of `difflib`, from 0 to 1, above which a name counts as similar
-_COMPARING_WORK = 3, 12  # to compare which letters two names have, and in which order
-_COMPARED = 60  # work between two yields
 
 
 def closest_name(name: str, candidates: list[str]) -> Steps[str]:

@@ -89,6 +89,7 @@ _LONG_LIST: Final = 500  # items from which a list is not examined: each item ta
 _SCOPE_WORK: Final = 12  # per body, however short
 _WORK: Final = 2  # per store or call that is found
 _RELEASE_WORK: Final = 20  # to free a hundred stores or kinds
+_NO_SCOPE: Final = Scope("")  # where the defaults of parameters are evaluated
 
 
 def is_number(kind: KindSet) -> bool:
@@ -323,9 +324,6 @@ def _constants(stores: Sequence[_Store]) -> Steps[dict[str, Expression]]:
         if number % _SLICE == 0:
             yield _SLICE
     return constants
-
-
-_NO_SCOPE: Final = Scope("")  # where the defaults of parameters are evaluated
 
 
 def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_Store | None]:

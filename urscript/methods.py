@@ -15,6 +15,8 @@ from urscript.values import BoundedList, Matrix, Struct, Value, list_with_capaci
 
 MethodResult = tuple[Value, Value]
 
+_KEEPS_ITS_SIZE = "a list keeps its size there: make it as long as needed, and count the elements in use"
+
 
 class Handle:
     """An opaque value created by a built-in; scripts can only call its methods.
@@ -138,7 +140,6 @@ _MATRIX: _Methods = _TO_STRING | {
     "shape": (lambda target: (target, list(target.shape)), 0),
 }
 
-_KEEPS_ITS_SIZE = "a list keeps its size there: make it as long as needed, and count the elements in use"
 
 METHOD_HINTS: dict[str, str] = {
     **dict.fromkeys(_LIST, _KEEPS_ITS_SIZE),

@@ -41,6 +41,13 @@ _OPERANDS: frozenset[Any] = frozenset([int, float, Matrix])  # types that matrix
 
 Operator = Callable[[Any, Any], Any]
 
+_MAX_PRODUCTS = 100_000
+"""Maximum number of multiplications in one matrix operation, so that it fits into a few control periods (46 by 46
+elements)."""
+
+COPIED_PER_UNIT = 8
+"""Elements of a list that are copied per unit of work."""
+
 
 def fault(message: str) -> NoReturn:
     """Stop the program with this message."""
@@ -257,11 +264,6 @@ def _product(left: Matrix, right: Value) -> Value:
     return Matrix(tuple(tuple(_dot(row, column) for column in columns) for row in left.rows))
 
 
-_MAX_PRODUCTS = 100_000
-"""Maximum number of multiplications in one matrix operation, so that it fits into a few control periods (46 by 46
-elements)."""
-
-
 def check_product_size(multiplications: int) -> None:
     """Raise RuntimeFault when a matrix operation takes too many multiplications."""
     if multiplications > _MAX_PRODUCTS:
@@ -460,10 +462,6 @@ count_references: Callable[[Any], int] = getattr(sys, "getrefcount", lambda _: -
 UNSHARED = _references_when_unshared("v_a = _references(v_a)")
 """What ``count_references`` returns, called by a program, for a list that only its variable refers to."""
 _UNSHARED_ARGUMENT = _references_when_unshared("v_a = _set_item(v_a, 0, 1)")
-
-
-COPIED_PER_UNIT = 8
-"""Elements of a list that are copied per unit of work."""
 
 
 def copied(value: list[Value]) -> list[Value]:

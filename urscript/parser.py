@@ -49,6 +49,20 @@ _DECLARATIONS = frozenset(["global", "local"])
 _MAX_BLOCKS = 60
 """Deepest nesting of blocks: a guess, above real programs and below the limit of Python's compiler."""
 
+_PROGRAM_KINDS: dict[str, ProgramKind] = {"def": "program", "sec": "secondary"}
+_MAX_LOOPS = 20
+"""Deepest nesting of loops: the limit of Python's compiler."""
+
+_MAX_FUNCTIONS = 5000
+"""Most defs and threads in a program, because they are planned in one step: ten times the largest seen (a guess)."""
+
+_WORK = 2  # per token
+_RELEASE_WORK = 2  # to free a scope or a function
+_STATEMENTS_WORK = 40  # to free a hundred statements or calls
+_SLICE = 32  # tokens, at least, between two yields
+_ABOVE_OPERATORS = 10
+"""A statement starts with a target or a call, so this binding power excludes all binary operators."""
+
 
 def normalize(text: str) -> str:
     """The text from the first line with code onwards, because the controller does not count the lines before it."""
@@ -395,23 +409,6 @@ class _Parser(RecoveringParser):
             self.fail("a parameter without a default cannot follow one with a default", token)
         self.scope.parameters.append(Parameter(token.line, token.column, token.text, default))
         self.scope.locals.add(token.text)
-
-
-_PROGRAM_KINDS: dict[str, ProgramKind] = {"def": "program", "sec": "secondary"}
-
-_MAX_LOOPS = 20
-"""Deepest nesting of loops: the limit of Python's compiler."""
-
-_MAX_FUNCTIONS = 5000
-"""Most defs and threads in a program, because they are planned in one step: ten times the largest seen (a guess)."""
-
-_WORK = 2  # per token
-_RELEASE_WORK = 2  # to free a scope or a function
-_STATEMENTS_WORK = 40  # to free a hundred statements or calls
-_SLICE = 32  # tokens, at least, between two yields
-
-_ABOVE_OPERATORS = 10
-"""A statement starts with a target or a call, so this binding power excludes all binary operators."""
 
 
 def _is_variable(target: Expression) -> bool:

@@ -10,6 +10,10 @@ from urscript.syntax import Node
 
 LOAD, STORE = ast.Load(), ast.Store()
 
+_BATCH = 32  # passes
+BATCHES = {"_once": (0,), "_often": tuple(range(_BATCH + 1))}
+"""Names that `in_batches` uses."""
+
 
 class Place(TypedDict):
     """The position of a node as stored in the Python code; read it with ``script_position`` or
@@ -104,12 +108,6 @@ def charge(units: int, place: Place, *, park: bool) -> list[ast.stmt]:
     empty = ast.Compare(left=load("_left", place), ops=[ast.Lt()], comparators=[constant(0, place)], **place)
     pause = ast.Expr(value=ast.Yield(value=constant(True, place), **place), **place)
     return [draw, ast.If(test=empty, body=[pause], orelse=[], **place)]
-
-
-_BATCH = 32  # passes
-
-BATCHES = {"_once": (0,), "_often": tuple(range(_BATCH + 1))}
-"""Names that `in_batches` uses."""
 
 
 def in_batches(condition: ast.expr, body: list[ast.stmt], units: int, most: int, place: Place) -> list[ast.stmt]:

@@ -44,6 +44,25 @@ from urscript.pieces import piece_name
 from urscript.pycode import BATCHES, instruction_position, script_line
 from urscript.values import TYPE_NAMES, UNSET, Pose, Value
 
+# Python's messages for errors that compiled code raises itself.
+_VARIABLE: Final = re.compile(r".*'v_(\w+)'")
+_COMPARISON: Final = re.compile(r"'([<>]=?)' not supported between instances of '(\w+)' and '(\w+)'")
+_TYPE_NAMES: Final = {python.__name__: name for python, name in TYPE_NAMES.items()}
+WORK_PER_SECOND = 4_000_000
+"""Work that all threads together may do per second of controller time [meter units of about 50 ns]: 0.4 ms of a 2 ms
+frame.
+
+A guess at the speed of a controller's interpreter, chosen so that a frame leaves time for the rest of the tick.
+"""
+
+MIN_SHARE = 100
+"""Minimum budget of a thread in a frame [meter units], so that every thread advances."""
+
+MAX_THREADS = 64
+"""Maximum number of running threads. A guess: the real limit is not known."""
+
+_THREAD_WORK = 150  # to start or kill a thread [meter units]
+
 
 def error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
     """Line, column, and whether the error was raised by compiled code itself rather than by a function it called.
@@ -63,12 +82,6 @@ def error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
     return line, column, inside
 
 
-# Python's messages for errors that compiled code raises itself.
-_VARIABLE: Final = re.compile(r".*'v_(\w+)'")
-_COMPARISON: Final = re.compile(r"'([<>]=?)' not supported between instances of '(\w+)' and '(\w+)'")
-_TYPE_NAMES: Final = {python.__name__: name for python, name in TYPE_NAMES.items()}
-
-
 def message_of(error: Exception, inside: bool) -> str:
     if isinstance(error, RuntimeFault):
         return str(error)
@@ -84,21 +97,6 @@ def message_of(error: Exception, inside: bool) -> str:
         return f"Type error: operator {sign} cannot be used with '{names[0]}' and '{names[1]}'"
     return f"internal error: {error!r}"
 
-
-WORK_PER_SECOND = 4_000_000
-"""Work that all threads together may do per second of controller time [meter units of about 50 ns]: 0.4 ms of a 2 ms
-frame.
-
-A guess at the speed of a controller's interpreter, chosen so that a frame leaves time for the rest of the tick.
-"""
-
-MIN_SHARE = 100
-"""Minimum budget of a thread in a frame [meter units], so that every thread advances."""
-
-MAX_THREADS = 64
-"""Maximum number of running threads. A guess: the real limit is not known."""
-
-_THREAD_WORK = 150  # to start or kill a thread [meter units]
 
 ThreadBody = Generator[bool | None, None, Value]
 

@@ -44,6 +44,12 @@ MAX_NESTING = 16
 
 INT_MIN, INT_MAX = -(2**31), 2**31 - 1
 
+_CHUNK_WORK = 15
+"""Work per piece of the text of a list [meter units]."""
+
+MAX_PHYSICAL = 1e12
+"""Largest physical number in a pose or list, in any unit; its square can still be computed. A guess."""
+
 
 class Pose(list[float]):
     """Six floats: position x, y, z [m] and rotation vector rx, ry, rz [rad]. Equal only to a pose."""
@@ -203,10 +209,6 @@ def _member_chunks(name: str, value: Value, message: bool) -> Iterator[str]:
     yield from _chunks(value, message, True)
 
 
-_CHUNK_WORK = 15
-"""Work per piece of the text of a list [meter units]."""
-
-
 def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> str:
     """The text of a value.
 
@@ -272,10 +274,6 @@ class Kind:
 
 class NotPhysicalError(KindMismatchError):
     """A number of the right kind that is meaningless as a physical quantity."""
-
-
-MAX_PHYSICAL = 1e12
-"""Largest physical number in a pose or list, in any unit; its square can still be computed. A guess."""
 
 
 def _is_moderate(items: list[Value]) -> bool:

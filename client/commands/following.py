@@ -25,6 +25,8 @@ PortOffset: TypeAlias = Annotated[
 
 
 _LINE_S: Final = 5.0  # between two lines, to keep the log of a long motion short
+_RECONNECT_S: Final = 5.0  # time limit of one attempt
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
 class ProgressBar:
@@ -70,9 +72,6 @@ class ProgressBar:
         """Print a separate line above the bar."""
         self._console.print(text, markup=False, soft_wrap=not self._console.is_terminal)
 
-
-_RECONNECT_S: Final = 5.0  # time limit of one attempt
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 Sink = Callable[[Mapping[str, Any]], object]
 

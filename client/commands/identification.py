@@ -50,6 +50,9 @@ Mounted: TypeAlias = Annotated[
     typer.Option("--mounted", metavar="KG,X,Y,Z", help="Payload actually mounted on the arm (default: as set)."),
 ]
 
+_FIELDS: Final = (*DEFAULT_FIELDS, "target_moment", "target_current", "payload", "payload_cog")
+_REST_S: Final = 1.0  # before and after the motion: states at rest show the torque constants and the noise
+
 
 def fidelity_command(
     file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
@@ -115,10 +118,6 @@ def _identified_table(found: Identified) -> Table:
         cells = zip(values, found.errors[name], strict=True)
         table.add_row(name, *(f"{v:.3g}" + (" kept" if error is None else f" +-{error:.1g}") for v, error in cells))
     return table
-
-
-_FIELDS: Final = (*DEFAULT_FIELDS, "target_moment", "target_current", "payload", "payload_cog")
-_REST_S: Final = 1.0  # before and after the motion: states at rest show the torque constants and the noise
 
 
 def excite_command(

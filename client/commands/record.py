@@ -50,6 +50,12 @@ from urproto.robots.description import urdf
 from urproto.robots.description import urdf as urdf_of
 from urproto.robots.meshes import MissingMeshesError
 
+_APPROACH_RAD_S: Final = 0.3  # guess: slow enough to reach the emergency stop in time
+_APPROACH_RAD_S2: Final = 0.5
+_POLL_S: Final = 0.1
+_INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
+_STREAM_HZ: Final = 50.0  # smooth enough for any screen
+
 
 def describe_command(
     model: Annotated[str | None, typer.Argument(help="The arm, for example ur3 or ur5e.")] = None,
@@ -111,12 +117,6 @@ def plot_command(
         typer.echo(f"desired by: {tracking.source}")
         typer.echo(f"largest position error: {worst.largest:.5f} rad ({worst.joint}, rms {worst.rms:.5f} rad)")
         typer.echo(f"largest deviation from the path: {tracking.largest_path_deviation:.5f} rad")
-
-
-_APPROACH_RAD_S: Final = 0.3  # guess: slow enough to reach the emergency stop in time
-_APPROACH_RAD_S2: Final = 0.5
-_POLL_S: Final = 0.1
-_INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
 
 
 def replay_command(
@@ -210,8 +210,6 @@ def move_along(robot: Robot, path: JointPath, what: str) -> None:
         progress.update(1.0)
     robot.wait_done()  # raises if the motion failed between two polls
 
-
-_STREAM_HZ: Final = 50.0  # smooth enough for any screen
 
 Fields: TypeAlias = Annotated[
     list[str] | None,

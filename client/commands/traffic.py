@@ -29,6 +29,9 @@ _UNREADABLE = 1  # exit status when something could not be decoded
 
 CodecName = Enum("CodecName", {name: name for name in CODECS}, type=str)  # type: ignore[misc] # an Enum, so that the help text lists the names
 
+_DIFFERENT = 1
+_UNRECORDED = 1  # exit status when the recording ended before the proxy
+
 
 def decode_command(
     file: Annotated[str, typer.Argument(help="Captured bytes, hexadecimal text or a pcap file; - for standard input.")],
@@ -87,9 +90,6 @@ def _decode_all(source: BufferedIOBase, session: DecodingSession) -> None:
 def _print_lines(lines: Iterable[str]) -> None:
     sys.stdout.write("".join(f"{line}\n" for line in lines))  # in one write: Ctrl-C between lines would lose the rest
     sys.stdout.flush()
-
-
-_DIFFERENT = 1
 
 
 def compare_command(
@@ -154,9 +154,6 @@ async def _play(recording: TrafficRecording, listen: str, speed: float, loop: bo
             typer.echo(f"{name}: {listen}:{port}")
         typer.echo(f"Replaying {recording.path}. Ctrl-C ends it.")
         await until_interrupted()
-
-
-_UNRECORDED = 1  # exit status when the recording ended before the proxy
 
 
 def proxy_command(

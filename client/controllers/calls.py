@@ -13,6 +13,11 @@ from typing import Final, Protocol, TypeVar
 from client.controllers.controller import Controller, Interfaces
 from client.driver.endpoint import notify
 
+FAILURE: Final = 0.0
+SUCCESS: Final = 1.0
+WAITING: Final = 2.0
+_EFFECT_S: Final = 2.0  # guess: ten times the slowest
+
 
 class Prefixed(Protocol):
     """Parameters that include a prefix for the names of all interfaces."""
@@ -48,12 +53,6 @@ class CallingController(Controller[Parameters]):
         if wrong := [value for value in values.values() if not isfinite(value)]:
             raise self.error(f"{title}: {wrong[0]} cannot be set: give finite numbers")
         return self._calls.send(title, values, answer, has_effect)
-
-
-FAILURE: Final = 0.0
-SUCCESS: Final = 1.0
-WAITING: Final = 2.0
-_EFFECT_S: Final = 2.0  # guess: ten times the slowest
 
 
 class Call:

@@ -37,6 +37,15 @@ _ALL: Final = (
     passthrough,
     settings,
 )
+_MANAGER: Final = "controller_manager"
+_PARAMETERS: Final = ("ros__parameters", "ros_parameters")
+_ANY: Final = "**"
+_VARIABLE: Final = re.compile(r"\$\((\w+) *([^)]*)\)")
+_WITHOUT_EFFECT: Final = {
+    "update_rate": "controllers are updated with each state of the robot",
+    "enforce_command_limits": "the robot has its own limits",
+    "use_sim_time": "the robot's time is used",
+}
 
 
 def find(controller: str, type_name: str) -> type[Controller[Any]]:
@@ -51,17 +60,6 @@ def find(controller: str, type_name: str) -> type[Controller[Any]]:
 def help_of(kind: type[Controller[Any]]) -> str:
     """One-line description of a controller type."""
     return (kind.__doc__ or "").strip().partition("\n")[0]
-
-
-_MANAGER: Final = "controller_manager"
-_PARAMETERS: Final = ("ros__parameters", "ros_parameters")
-_ANY: Final = "**"
-_VARIABLE: Final = re.compile(r"\$\((\w+) *([^)]*)\)")
-_WITHOUT_EFFECT: Final = {
-    "update_rate": "controllers are updated with each state of the robot",
-    "enforce_command_limits": "the robot has its own limits",
-    "use_sim_time": "the robot's time is used",
-}
 
 
 @dataclass(frozen=True, slots=True)

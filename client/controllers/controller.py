@@ -13,6 +13,9 @@ from client.driver.endpoint import notify
 from client.errors import ControllerError
 from urproto.compat import Self, StrEnum
 
+NO_COMMAND: Final = math.nan
+"""Value of a command interface that commands nothing."""
+
 
 class Hardware(Protocol):
     """A robot, represented by interfaces.
@@ -70,10 +73,6 @@ class Topic(Generic[Message]):
         self.latest = message
         if self._listeners:
             notify(self._listeners, message)
-
-
-NO_COMMAND: Final = math.nan
-"""Value of a command interface that commands nothing."""
 
 
 class UnknownInterfaceError(LookupError):

@@ -22,6 +22,10 @@ from client.controllers.validation import ToleranceError, Tolerances, Trajectory
 from client.errors import GoalRejectedError
 from urproto.text import quoted
 
+_EVERY_CYCLE: Final = "states and results are reported in the cycle in which they occur"
+_COMMANDS: Final = ("position", "velocity", "effort")
+_STATES: Final = ("position", "velocity", "acceleration")
+
 
 @dataclass(frozen=True, slots=True)
 class Gains:
@@ -88,9 +92,6 @@ def _limited_speed(speed: float, than: float) -> float:
     return math.copysign(min(abs(speed), abs(than)), speed) if speed * than > 0.0 else 0.0
 
 
-_EVERY_CYCLE: Final = "states and results are reported in the cycle in which they occur"
-
-
 @dataclass(frozen=True, slots=True)
 class JointConstraints:
     """Tolerances of one joint [rad], and its maximum deceleration [rad/s2]; 0 means none."""
@@ -154,10 +155,6 @@ class ScaledJointTrajectoryParameters(JointTrajectoryParameters):
     """Adds the name of the state interface with the scaling factor."""
 
     speed_scaling_interface_name: str = "speed_scaling/speed_scaling_factor"
-
-
-_COMMANDS: Final = ("position", "velocity", "effort")
-_STATES: Final = ("position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True, slots=True)

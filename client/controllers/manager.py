@@ -16,6 +16,9 @@ from client.errors import ControllerError, StateError
 
 _logger = logging.getLogger(__name__)
 
+_COMMAND: Final = "command"
+_STATE: Final = "state"
+
 
 @dataclass(frozen=True, slots=True)
 class ControllerInfo:
@@ -34,10 +37,6 @@ class InterfaceInfo:
     name: str
     kind: str
     claimed_by: str
-
-
-_COMMAND: Final = "command"
-_STATE: Final = "state"
 
 
 class ControllerManager:

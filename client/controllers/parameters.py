@@ -24,6 +24,31 @@ _WORDS: Final = {bool: "true or false", int: "a whole number", float: "a number"
 
 Parameters = TypeVar("Parameters")
 
+_READ_ONLY: Final = frozenset(
+    (
+        "action_monitor_rate",
+        "command_interfaces",
+        "command_joints",
+        "constraints.decelerate_on_cancel",
+        "frame_id",
+        "initial_scaling_factor",
+        "interface_name",
+        "interfaces",
+        "interpolate_from_desired_state",
+        "interpolation_method",
+        "joints",
+        "max_deceleration_on_cancel",
+        "pose_name",
+        "sensor_name",
+        "speed_scaling.command_interface",
+        "speed_scaling.state_interface",
+        "speed_scaling_interface_name",
+        "state_interfaces",
+        "state_publish_rate",
+        "tf_prefix",
+    )
+)
+
 
 @dataclass(slots=True)
 class Reading:
@@ -121,32 +146,6 @@ def _scalar(hint: Any, value: Any, owner: str, place: str) -> Any:
     if isinstance(value, hint) and (hint is bool or not isinstance(value, bool)):
         return value
     raise ControllerError(owner, f"{place} must be {_WORDS[hint]}, not {quoted(value)}")
-
-
-_READ_ONLY: Final = frozenset(
-    (
-        "action_monitor_rate",
-        "command_interfaces",
-        "command_joints",
-        "constraints.decelerate_on_cancel",
-        "frame_id",
-        "initial_scaling_factor",
-        "interface_name",
-        "interfaces",
-        "interpolate_from_desired_state",
-        "interpolation_method",
-        "joints",
-        "max_deceleration_on_cancel",
-        "pose_name",
-        "sensor_name",
-        "speed_scaling.command_interface",
-        "speed_scaling.state_interface",
-        "speed_scaling_interface_name",
-        "state_interfaces",
-        "state_publish_rate",
-        "tf_prefix",
-    )
-)
 
 
 def is_read_only(name: str) -> bool:

@@ -43,6 +43,7 @@ from urproto.compat import Self
 from urproto.joints import JOINT_NAMES
 
 _WITH_CONTROLLERS = ".mcap"  # other formats cannot store controller states
+_SMOOTH: Final = 1.5  # ratio of the maximum to the mean speed of a cubic from rest to rest
 
 
 @asynccontextmanager
@@ -84,8 +85,6 @@ def listen(recorder: BackgroundRecorder, manager: ControllerManager) -> Callable
 
 
 Answer = TypeVar("Answer")
-
-_SMOOTH: Final = 1.5  # ratio of the maximum to the mean speed of a cubic from rest to rest
 
 
 class ControlledRobot(ControlLoop):

@@ -9,6 +9,8 @@ from client.controllers.goals import ErrorCode, FollowJointTrajectory, JointTraj
 from client.errors import GoalRejectedError
 
 _ANY: Final = -1.0
+_AT_REST: Final = 1.2e-7  # rad/s: single precision, as in ros2_controllers
+_FIELDS: Final = ("positions", "velocities", "accelerations", "effort")
 
 
 class ToleranceError(ValueError):
@@ -74,10 +76,6 @@ def violation(error: JointTrajectoryPoint, limits: Sequence[Tolerance], joints: 
             if allowed > 0.0 and abs(value) > allowed:
                 return f"{joint}: {kind} error {value:.4f}, tolerance {allowed:g}"
     return None
-
-
-_AT_REST: Final = 1.2e-7  # rad/s: single precision, as in ros2_controllers
-_FIELDS: Final = ("positions", "velocities", "accelerations", "effort")
 
 
 @dataclass(frozen=True, slots=True)

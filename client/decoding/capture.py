@@ -27,6 +27,9 @@ _APPLICATION = 4  # option of a section
 _COMMENT = 1  # option of any block
 _MAX_COMMENTS = 64  # kept of a file's
 _MICROSECONDS = 1_000_000
+_ETHERNET = 1
+_NANOSECONDS = 9  # powers of ten
+_MAX_OPTION = 0xFFFF  # bytes, by its size field
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,11 +209,6 @@ class _PcapngReader(PacketReader):
                 return
             yield code, body[place + 4 : place + 4 + size]
             place += 4 + size + -size % 4
-
-
-_ETHERNET = 1
-_NANOSECONDS = 9  # powers of ten
-_MAX_OPTION = 0xFFFF  # bytes, by its size field
 
 
 def head_of_capture(application: str, interface: str, comments: Iterable[str] = ()) -> bytes:

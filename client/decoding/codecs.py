@@ -15,6 +15,23 @@ from urproto.external_control import REQUEST_PROGRAM
 from urproto.interpreter import InterpreterCommand
 
 _MAX_LINE = 8192  # bytes; longer lines are shown in pieces
+_TCP = 6
+_MAX_SEGMENT = 32768  # bytes of a segment: IP's size field ends at 64 kB
+_WINDOW = 0xFFFF
+_NUMBERS = 1 << 32
+_MACS = {True: bytes.fromhex("020000000001"), False: bytes.fromhex("020000000002")}  # locally administered
+_GUESS_BYTES = 4096  # bytes after which a guess is made
+_SEARCH_BYTES = 2048  # bytes that are searched if no message starts at the first byte
+_FRAMINGS: dict[str, Framing] = {
+    "primary": states.PRIMARY,
+    "realtime": states.REALTIME,
+    "rtde": rtde.FRAMING,
+    "modbus": modbus.FRAMING,
+    "reverse": external.REVERSE,
+    "trajectory": external.TRAJECTORY,
+    "script-command": external.COMMANDS,
+}
+_FOUND_LATER = ("primary", "realtime", "rtde")  # their headers hardly ever occur by chance
 
 
 def line_stream() -> LineStream:
@@ -79,11 +96,6 @@ class BytesStream:
 
 
 _FIN, _SYN, _RST, _PSH, _ACK = 1, 2, 4, 8, 16
-_TCP = 6
-_MAX_SEGMENT = 32768  # bytes of a segment: IP's size field ends at 64 kB
-_WINDOW = 0xFFFF
-_NUMBERS = 1 << 32
-_MACS = {True: bytes.fromhex("020000000001"), False: bytes.fromhex("020000000002")}  # locally administered
 
 
 class ConnectionFrames:
@@ -242,19 +254,6 @@ def codec_of_port(port: int) -> Codec | None:
 
 
 # guessing
-
-_GUESS_BYTES = 4096  # bytes after which a guess is made
-_SEARCH_BYTES = 2048  # bytes that are searched if no message starts at the first byte
-_FRAMINGS: dict[str, Framing] = {
-    "primary": states.PRIMARY,
-    "realtime": states.REALTIME,
-    "rtde": rtde.FRAMING,
-    "modbus": modbus.FRAMING,
-    "reverse": external.REVERSE,
-    "trajectory": external.TRAJECTORY,
-    "script-command": external.COMMANDS,
-}
-_FOUND_LATER = ("primary", "realtime", "rtde")  # their headers hardly ever occur by chance
 
 
 @dataclass(frozen=True, slots=True)

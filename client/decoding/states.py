@@ -21,6 +21,7 @@ _OTHER_TYPES = {
     24: "safety compliance tolerances",
 }
 _KNOWN_TYPES = {16, 20, 25, *_OTHER_TYPES}
+_SIZE = struct.Struct(">i")
 
 
 def _primary_size(header: bytes) -> int:
@@ -65,8 +66,6 @@ def _described(message: object) -> str:
 
 
 # realtime
-
-_SIZE = struct.Struct(">i")
 
 
 def _layouts() -> dict[int, str]:

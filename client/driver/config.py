@@ -16,6 +16,13 @@ from urproto.modes import KinematicsStatus
 from urproto.primary.state import KinematicsInfo
 from urproto.robots import Calibration
 
+ROBOT_PORTS: Final[Mapping[str, int]] = {
+    "dashboard": dashboard.PORT,
+    "robot api": robotapi.PORT,
+    "primary": primary.PORT,
+    "rtde": rtde.PORT,
+}
+
 
 def calibration_hash(kinematics: KinematicsInfo) -> str:
     """Hash of these calibration parameters, identical to the one in ur_description's files and the vendor's driver."""
@@ -34,14 +41,6 @@ def calibration_problem(kinematics: KinematicsInfo, expected: Calibration | str 
             "right one, read its calibration with `ur-client calibration`"
         )
     return None
-
-
-ROBOT_PORTS: Final[Mapping[str, int]] = {
-    "dashboard": dashboard.PORT,
-    "robot api": robotapi.PORT,
-    "primary": primary.PORT,
-    "rtde": rtde.PORT,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

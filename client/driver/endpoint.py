@@ -44,6 +44,14 @@ SETPOINT_TIMEOUT_S: Final = 0.02  # the client library's default for a setpoint
 KEEP_ALIVE_TIMEOUT_S: Final = 1.0  # the client library's default for a keep-alive
 _STOP_MS: Final = 100
 _MAX_TIMEOUT_MS: Final = 2**31 - 1
+_MAX_UNSENT: Final = 8192  # bytes of a trajectory, in addition to the system's buffers; guess
+_HINT: Final = "start the program on the robot and wait for it"
+_MAX_WAITING: Final = 8  # connections that have not proved themselves yet, per port; guess
+_AUTHENTICATION_TIMEOUT_S: Final = 10.0  # how long such a connection may wait; guess
+_ACCEPTING: Final = 3  # rounds of the event loop from accepting a connection to connection_made: a task, and a call
+SENDER_PORT: Final = 50002
+_MAX_REQUEST: Final = 1024  # bytes without a line end (guess)
+REVERSE_PORT: Final = 50001
 
 
 @lru_cache(maxsize=64)  # called for every setpoint
@@ -65,12 +73,6 @@ def read_timeout_ms(mode: ControlMode, timeout_s: float, period_s: float) -> int
         return 0
     return max(1, round(min(1000.0 * max(timeout_s, period_s), _MAX_TIMEOUT_MS)))
 
-
-_MAX_UNSENT: Final = 8192  # bytes of a trajectory, in addition to the system's buffers; guess
-_HINT: Final = "start the program on the robot and wait for it"
-_MAX_WAITING: Final = 8  # connections that have not proved themselves yet, per port; guess
-_AUTHENTICATION_TIMEOUT_S: Final = 10.0  # how long such a connection may wait; guess
-_ACCEPTING: Final = 3  # rounds of the event loop from accepting a connection to connection_made: a task, and a call
 
 _logger = logging.getLogger(__name__)
 
@@ -350,10 +352,6 @@ def notify(listeners: Sequence[Callable[..., object]], *arguments: object) -> No
             _logger.exception("a callback failed")
 
 
-SENDER_PORT: Final = 50002
-_MAX_REQUEST: Final = 1024  # bytes without a line end (guess)
-
-
 class ScriptSender(Endpoint):
     """Answers every request with the program; any number of robots may request it at the same time.
 
@@ -393,9 +391,6 @@ class ScriptSender(Endpoint):
     def _on_closed(self, peer: Peer) -> None:
         self._peers.discard(peer)
         self._unread.pop(peer, None)
-
-
-REVERSE_PORT: Final = 50001
 
 
 @dataclass(slots=True)

@@ -35,6 +35,31 @@ from urproto.vectors import ZERO6, Matrix3, Vector3
 
 _VISUAL: Final = (".glb", ".gltf", ".stl")  # formats that browsers can display, unlike ur_description's .dae
 _COLLISION: Final = (".stl",)
+_SEGMENTS: Final = 28
+_BACKGROUND: Final = "#e9edf1"
+_MESH_COLOR: Final = "#d9dde1"
+_ROD_COLOR: Final = "#8a949d"
+_ROD_RADIUS_M: Final = 0.005
+_MIN_ROD_M: Final = 0.005
+_AXES: Final = (("#d6453d", (1.0, 0.0, 0.0)), ("#3d9a4a", (0.0, 1.0, 0.0)), ("#2f6fd0", (0.0, 0.0, 1.0)))
+_VIEWS: Final[dict[str, tuple[str, str, Vector3]]] = {  # text or icon, hint, direction from the arm to the camera
+    "reset": ("3d_rotation", "Reset the view", (0.66, -0.68, 0.32)),
+    "front": ("Front", "From the front, along -x", (1.0, 0.0, 0.02)),
+    "side": ("Side", "From the side, along y", (0.0, -1.0, 0.02)),
+    "top": ("Top", "From above, x to the right", (0.0, -0.001, 1.0)),
+}
+_FOV_DEG: Final = 38.0
+_DISTANCE: Final = 3.3  # of the camera, in reaches
+_TARGET_HEIGHT: Final = 0.5  # of the point that the camera looks at, in reaches
+_TCP_RESOLUTION_M: Final = 1e-5
+_TRACE_POINTS: Final = 3000  # of the TCP's path, at least a millimetre apart: 3 m or more
+_TRACE_COLOR: Final = "#d81b8c"
+_TREE_COLOR: Final = "#b8860b"
+_GHOST_COLOR: Final = "#e07b00"
+_GHOST_OPACITY: Final = 0.35
+_GHOST_THRESHOLD_RAD: Final = 0.02  # guess: a ghost closer than a degree cannot be told from the arm
+_LABEL: Final = "color:#1d2730;background:#ffffffd0;border-radius:3px;padding:0 3px;font-size:11px;white-space:nowrap"
+_ROTATION_DIGITS: Final = 6
 
 
 class ServedMesh(NamedTuple):
@@ -67,9 +92,6 @@ def _served_mesh(folder: Path, model: RobotModel, mesh: PlacedMesh) -> ServedMes
     return ServedMesh(url, mesh)
 
 
-_SEGMENTS: Final = 28
-
-
 class Lathe(Object3D, component=Path(__file__).with_name("static") / "lathe.js"):
     """A solid of revolution about its z axis. profile: (radius, z), from bottom to top."""
 
@@ -84,31 +106,7 @@ class TcpTrace(Object3D, component=Path(__file__).with_name("static") / "tcp_tra
         super().__init__(_TRACE_POINTS)
 
 
-_BACKGROUND: Final = "#e9edf1"
-_MESH_COLOR: Final = "#d9dde1"
-_ROD_COLOR: Final = "#8a949d"
-_ROD_RADIUS_M: Final = 0.005
-_MIN_ROD_M: Final = 0.005
-_AXES: Final = (("#d6453d", (1.0, 0.0, 0.0)), ("#3d9a4a", (0.0, 1.0, 0.0)), ("#2f6fd0", (0.0, 0.0, 1.0)))
-_VIEWS: Final[dict[str, tuple[str, str, Vector3]]] = {  # text or icon, hint, direction from the arm to the camera
-    "reset": ("3d_rotation", "Reset the view", (0.66, -0.68, 0.32)),
-    "front": ("Front", "From the front, along -x", (1.0, 0.0, 0.02)),
-    "side": ("Side", "From the side, along y", (0.0, -1.0, 0.02)),
-    "top": ("Top", "From above, x to the right", (0.0, -0.001, 1.0)),
-}
-_FOV_DEG: Final = 38.0
-_DISTANCE: Final = 3.3  # of the camera, in reaches
-_TARGET_HEIGHT: Final = 0.5  # of the point that the camera looks at, in reaches
-_TCP_RESOLUTION_M: Final = 1e-5
-_TRACE_POINTS: Final = 3000  # of the TCP's path, at least a millimetre apart: 3 m or more
-_TRACE_COLOR: Final = "#d81b8c"
-_TREE_COLOR: Final = "#b8860b"
-_GHOST_COLOR: Final = "#e07b00"
-_GHOST_OPACITY: Final = 0.35
-_GHOST_THRESHOLD_RAD: Final = 0.02  # guess: a ghost closer than a degree cannot be told from the arm
-_LABEL: Final = "color:#1d2730;background:#ffffffd0;border-radius:3px;padding:0 3px;font-size:11px;white-space:nowrap"
 _BASE, _INERTIA, _TCP = "base", "base_link_inertia", "tcp"  # frames
-_ROTATION_DIGITS: Final = 6
 
 
 def link_frames(model: RobotModel) -> list[dict[str, Pose]]:

@@ -12,6 +12,15 @@ from urproto.primary.messages import PROGRAM_STOPPED, ErrorCodeMessage, KeyMessa
 UNLOCK_AFTER_S: Final = 5.0  # dashboard manual: the robot refuses to unlock earlier
 _DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # from here on, the levels repeat with the same meaning
 _CAUSE_WINDOW_S: Final = 1.0  # guess: a report this close to the stop is its cause
+ANSWERABLE: Final = {
+    RequestedType.BOOLEAN: "yes or no",
+    RequestedType.INTEGER: "an integer, for example 3 or -12",
+    RequestedType.FLOAT: "a number, for example 0.25 or -1e-3",
+    RequestedType.STRING: "a text",
+}
+"""The types that can be answered here, and a description of the expected answer."""
+
+_INT_MAX: Final = 2**31 - 1  # of URScript's integers
 
 
 @dataclass(slots=True)
@@ -72,17 +81,6 @@ class Stops:
             return
         if abs(report.timestamp_us / 1e6 - stop.at_s) < _CAUSE_WINDOW_S:
             stop.cause = report
-
-
-ANSWERABLE: Final = {
-    RequestedType.BOOLEAN: "yes or no",
-    RequestedType.INTEGER: "an integer, for example 3 or -12",
-    RequestedType.FLOAT: "a number, for example 0.25 or -1e-3",
-    RequestedType.STRING: "a text",
-}
-"""The types that can be answered here, and a description of the expected answer."""
-
-_INT_MAX: Final = 2**31 - 1  # of URScript's integers
 
 
 @dataclass(frozen=True, slots=True)

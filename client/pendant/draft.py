@@ -18,6 +18,13 @@ _MAX_LENGTH: Final = 2_000_000  # characters; a robot accepts no more either (gu
 
 Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
 
+_SYNTAX_ERROR: Final = "Syntax error: the controller cannot parse this line or the one before it"
+_EXAMPLE: Final = """\
+def hello():
+  textmsg("the tool is at ", get_actual_tcp_pose())
+end
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class ScriptError:
@@ -126,11 +133,3 @@ class Draft:
 def _readable_error(reported: str) -> str:
     """Replace the raw message of a syntax error, which repeats the line and its number."""
     return _SYNTAX_ERROR if reported.startswith("syntax_error_on_line") else reported
-
-
-_SYNTAX_ERROR: Final = "Syntax error: the controller cannot parse this line or the one before it"
-_EXAMPLE: Final = """\
-def hello():
-  textmsg("the tool is at ", get_actual_tcp_pose())
-end
-"""

@@ -31,6 +31,15 @@ from urproto.primary.messages import (
 
 MAX_SHOWN: Final = 500  # lines a browser keeps
 _MAX_TEXT_LENGTH: Final = 2000  # characters of a line; downloads are complete
+_CSV_HEADER: Final = ("time", "uptime_s", "severity", "source", "code", "text")
+_MAX_EVENTS: Final = 10_000
+_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # from here on, the levels repeat with the same meaning
+_PROGRAM_VERBS: Final = {
+    PROGRAM_STARTED: "started",
+    PROGRAM_STOPPED: "stopped",
+    PROGRAM_PAUSED: "paused",
+    PROGRAM_RESUMED: "resumed",
+}
 
 
 class LogView:
@@ -92,9 +101,6 @@ def _row(event: "Event") -> list[Any]:
     return [round(event.time_s * 1000), uptime, event.severity, event.source, event.code, event.text[:_MAX_TEXT_LENGTH]]
 
 
-_CSV_HEADER: Final = ("time", "uptime_s", "severity", "source", "code", "text")
-
-
 def as_csv(events: "Iterable[Event]") -> str:
     """A table with a header; times are UTC."""
     file = io.StringIO()
@@ -121,19 +127,11 @@ def _cells(events: "Iterable[Event]") -> Iterator[tuple[str, ...]]:
 
 Severity = Literal["info", "warning", "error"]
 SEVERITIES: Final[tuple[Severity, ...]] = ("info", "warning", "error")
-_MAX_EVENTS: Final = 10_000
-_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # from here on, the levels repeat with the same meaning
 _LEVELS: Final[dict[int, Severity]] = {
     ReportLevel.WARNING: "warning",
     ReportLevel.VIOLATION: "error",
     ReportLevel.FAULT: "error",
     ReportLevel.CRITICAL_FAULT: "error",
-}
-_PROGRAM_VERBS: Final = {
-    PROGRAM_STARTED: "started",
-    PROGRAM_STOPPED: "stopped",
-    PROGRAM_PAUSED: "paused",
-    PROGRAM_RESUMED: "resumed",
 }
 
 

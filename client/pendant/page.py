@@ -20,6 +20,8 @@ from urproto.modes import RuntimeState
 from urproto.text import readable
 
 _ACCEPT_TIMEOUT_S: Final = 1.5  # guess: states and answers arrive within a tenth of this
+EXPECTED_ERRORS: Final = (URError, OSError, ValueError)
+"""Errors of robots and inputs, whose texts are meant for users."""
 
 
 class NotAcceptedError(ClientError):
@@ -116,9 +118,6 @@ class Views:
         for callback in self.on_view_change:
             callback(self.visible_view)
 
-
-EXPECTED_ERRORS: Final = (URError, OSError, ValueError)
-"""Errors of robots and inputs, whose texts are meant for users."""
 
 AsyncCallback = Callable[[], Awaitable[Any]]
 

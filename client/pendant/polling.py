@@ -11,6 +11,11 @@ from urproto.errors import URError
 
 _RETRY_PERIOD_S: Final = 0.5  # between attempts to reach a robot
 _LOST: Final = (URError, OSError)
+_MAX_UNREAD: Final = 2  # answers; a visible page may not have had a frame since the last one
+_REGISTER_PERIOD_S: Final = 0.2
+_TIMEOUT_S: Final = 2.0
+_REGISTERS_PER_REQUEST: Final = 64  # a request can have 125 at most
+_NO_REQUEST: Final = object()
 
 
 async def follow_forever(follow: Callable[[], Awaitable[object]], on_lost: Callable[[str], object]) -> NoReturn:
@@ -24,8 +29,6 @@ async def follow_forever(follow: Callable[[], Awaitable[object]], on_lost: Calla
 
 
 Answer = TypeVar("Answer")
-
-_MAX_UNREAD: Final = 2  # answers; a visible page may not have had a frame since the last one
 
 
 class Poller(Generic[Answer]):
@@ -118,11 +121,6 @@ class Poller(Generic[Answer]):
         return True
 
 
-_REGISTER_PERIOD_S: Final = 0.2
-_TIMEOUT_S: Final = 2.0
-_REGISTERS_PER_REQUEST: Final = 64  # a request can have 125 at most
-
-
 class GeneralRegisters:
     """The general purpose registers of the robot's Modbus server, polled while a page shows them."""
 
@@ -171,8 +169,6 @@ class GeneralRegisters:
 
 
 Request = TypeVar("Request")
-
-_NO_REQUEST: Final = object()
 
 
 class LatestRequest(Generic[Request]):

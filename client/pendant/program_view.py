@@ -10,6 +10,23 @@ from urscript.polyscope.editing import ProgramEditor, Row
 from urscript.polyscope.registry import NODES, kinds
 
 _GROUPS: Final = ("Basic", "Advanced", "Templates", "URCaps", "Program")
+_ICONS: Final = {  # Material Icons by the key of the kind; other kinds get the icon of their group
+    "move": "timeline", "waypoint": "place", "direction": "north_east", "until": "flag", "wait": "hourglass_empty",
+    "set": "toggle_on", "set_payload": "scale", "force": "compress", "popup": "chat_bubble_outline", "halt": "stop",
+    "comment": "notes", "folder": "folder_open",
+    "if": "call_split", "elseif": "call_split", "else": "call_split", "loop": "loop", "call": "login",
+    "subprogram": "integration_instructions", "assignment": "edit_note", "script": "code", "thread": "alt_route",
+    "event": "bolt", "switch": "fork_right", "case": "subdirectory_arrow_right", "timer": "timer", "home": "home",
+    "robot_program": "smart_toy", "variables_setup": "data_object", "before_start": "first_page",
+    "default_case": "subdirectory_arrow_right", "circle_move": "rotate_right",
+}  # fmt: skip
+_GROUP_ICONS: Final = {
+    "Basic": "crop_square",
+    "Advanced": "widgets",
+    "Templates": "grid_view",
+    "URCaps": "extension",
+    "Program": "smart_toy",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,25 +51,6 @@ class PaletteEntry:
     title: str
     icon: str
     doc: str
-
-
-_ICONS: Final = {  # Material Icons by the key of the kind; other kinds get the icon of their group
-    "move": "timeline", "waypoint": "place", "direction": "north_east", "until": "flag", "wait": "hourglass_empty",
-    "set": "toggle_on", "set_payload": "scale", "force": "compress", "popup": "chat_bubble_outline", "halt": "stop",
-    "comment": "notes", "folder": "folder_open",
-    "if": "call_split", "elseif": "call_split", "else": "call_split", "loop": "loop", "call": "login",
-    "subprogram": "integration_instructions", "assignment": "edit_note", "script": "code", "thread": "alt_route",
-    "event": "bolt", "switch": "fork_right", "case": "subdirectory_arrow_right", "timer": "timer", "home": "home",
-    "robot_program": "smart_toy", "variables_setup": "data_object", "before_start": "first_page",
-    "default_case": "subdirectory_arrow_right", "circle_move": "rotate_right",
-}  # fmt: skip
-_GROUP_ICONS: Final = {
-    "Basic": "crop_square",
-    "Advanced": "widgets",
-    "Templates": "grid_view",
-    "URCaps": "extension",
-    "Program": "smart_toy",
-}
 
 
 def palette(version: PolyscopeVersion | None) -> dict[str, list[PaletteEntry]]:

@@ -12,6 +12,16 @@ from urproto.robots import Joints
 from urproto.robots.pose import Pose
 from urproto.text import json_document
 
+_QUARTER_TURN: Final = 1.5707963267948966
+BUILT_IN: Final[Mapping[str, Joints]] = {
+    "Home": (0.0, -_QUARTER_TURN, 0.0, -_QUARTER_TURN, 0.0, 0.0),
+    "Zero": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+}
+"""PolyScope's home position, and every joint at zero. They cannot be changed."""
+
+_T = TypeVar("_T")
+_MAX_NAME_LENGTH: Final = 60
+
 
 class Tools:
     """TCPs in a JSON file ``{"gripper": [x, y, z, rx, ry, rz]}`` [m, rad]; without a file, in memory only.
@@ -59,14 +69,6 @@ def _checked_tcp(values: Any) -> Pose:
 
 def _parse_tools(content: Any) -> dict[str, Pose]:
     return {str(name): _checked_tcp(tcp) for name, tcp in content.items()}
-
-
-_QUARTER_TURN: Final = 1.5707963267948966
-BUILT_IN: Final[Mapping[str, Joints]] = {
-    "Home": (0.0, -_QUARTER_TURN, 0.0, -_QUARTER_TURN, 0.0, 0.0),
-    "Zero": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-}
-"""PolyScope's home position, and every joint at zero. They cannot be changed."""
 
 
 class Poses:
@@ -130,10 +132,6 @@ def _is_angle(value: Any) -> bool:
 
 def _parse_poses(content: Any) -> dict[str, dict[str, Joints]]:
     return {model: {name: _joint_angles(q) for name, q in poses.items()} for model, poses in content.items()}
-
-
-_T = TypeVar("_T")
-_MAX_NAME_LENGTH: Final = 60
 
 
 class JsonFile(Generic[_T]):

@@ -22,6 +22,24 @@ STAGES: Final = ("Power off", "Booting", "Idle", "Brakes released")
 """The stages from an arm without power to one that can move."""
 _OFF, _BOOTING, _IDLE, _RELEASED = range(len(STAGES))
 
+_ESTOP_ADVICE: Final = "Release the emergency stop button (turn it), then press START."
+_NO_STOP: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
+_ENABLING_STOPS: Final = (SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP, SafetyMode.TP_THREE_POSITION_ENABLING_STOP)
+_SAFEGUARD_STOPS: Final = tuple(mode for mode in SafetyMode if mode.name.endswith("SAFEGUARD_STOP"))
+_FAILURES: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
+_POWER_FORBIDDEN: Final = (
+    *_FAILURES,
+    *(mode for mode in SafetyMode if mode.name.endswith("EMERGENCY_STOP")),
+    SafetyMode.VALIDATE_JOINT_ID,
+)
+_STOPPED: Final = (RuntimeState.STOPPED, RuntimeState.STOPPING)
+_PROGRAM_HINTS: Final = {
+    RuntimeState.PLAYING: "A program is running.",
+    RuntimeState.RESUMING: "A program is running.",
+    RuntimeState.PAUSING: "A program is paused. PLAY resumes it.",
+    RuntimeState.PAUSED: "A program is paused. PLAY resumes it.",
+}
+
 
 class Action(Enum):
     """An action that a user may request."""
@@ -100,7 +118,6 @@ class _Safety(NamedTuple):
     advice: str
 
 
-_ESTOP_ADVICE: Final = "Release the emergency stop button (turn it), then press START."
 _SAFETY: Final = {
     SafetyMode.NORMAL: _Safety("Normal", "Nothing keeps the arm from moving."),
     SafetyMode.REDUCED: _Safety("Reduced mode", "The limits of reduced mode are in force."),
@@ -134,15 +151,6 @@ _SAFETY: Final = {
     SafetyMode.VALIDATE_JOINT_ID: _Safety("Joint exchanged", "Confirm the new joint on the robot's own pendant."),
     SafetyMode.UNDEFINED_SAFETY_MODE: _Safety("Safety mode unknown", "This pendant does not know the safety mode."),
 }
-_NO_STOP: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
-_ENABLING_STOPS: Final = (SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP, SafetyMode.TP_THREE_POSITION_ENABLING_STOP)
-_SAFEGUARD_STOPS: Final = tuple(mode for mode in SafetyMode if mode.name.endswith("SAFEGUARD_STOP"))
-_FAILURES: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
-_POWER_FORBIDDEN: Final = (
-    *_FAILURES,
-    *(mode for mode in SafetyMode if mode.name.endswith("EMERGENCY_STOP")),
-    SafetyMode.VALIDATE_JOINT_ID,
-)
 
 
 _RECOVERY_ACTIONS: Final = {
@@ -186,13 +194,6 @@ _MODES: Final = {
 _NOT_CONNECTED: Final = _Mode(
     "Not connected", "The robot does not answer. The pendant keeps trying to reach it.", -1, "unknown"
 )
-_STOPPED: Final = (RuntimeState.STOPPED, RuntimeState.STOPPING)
-_PROGRAM_HINTS: Final = {
-    RuntimeState.PLAYING: "A program is running.",
-    RuntimeState.RESUMING: "A program is running.",
-    RuntimeState.PAUSING: "A program is paused. PLAY resumes it.",
-    RuntimeState.PAUSED: "A program is paused. PLAY resumes it.",
-}
 
 
 @lru_cache(maxsize=512)

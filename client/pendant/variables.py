@@ -6,6 +6,16 @@ from urproto.primary.program_state import GlobalVariableNames, GlobalVariableVal
 
 _MAX_SHOWN: Final = 1000
 _MAX_TEXT_LENGTH: Final = 400  # characters of a value on the screen
+_KINDS: Final[dict[type, str]] = {
+    type(None): "",
+    bool: "bool",
+    int: "int",
+    float: "float",
+    str: "string",
+    PoseValue: "pose",
+    tuple: "list",
+    MatrixValue: "matrix",
+}
 
 
 class Variables:
@@ -83,18 +93,6 @@ class VariablesView:
 def type_name(value: Value) -> str:
     """The name of a value's type."""
     return _KINDS[type(value)]
-
-
-_KINDS: Final[dict[type, str]] = {
-    type(None): "",
-    bool: "bool",
-    int: "int",
-    float: "float",
-    str: "string",
-    PoseValue: "pose",
-    tuple: "list",
-    MatrixValue: "matrix",
-}
 
 
 def format_value(value: Value) -> str:

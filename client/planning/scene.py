@@ -30,6 +30,7 @@ LINKS: Final = ("base_link", "shoulder_link", "upper_arm_link", "forearm_link", 
 PADDING_M: Final = 0.01
 _MAX_COORDINATE_M: Final = 100.0  # no arm is near an object this far away or this large (guess)
 _MIN_THICKNESS_M: Final = 1e-6  # of a hull (guess)
+_SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,9 +264,6 @@ class PlanningScene:
         if name not in LINKS:
             self._find(name)
         return name
-
-
-_SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 
 
 def _shape(obj: ObjectDescription, folder: Path) -> Shape:

@@ -19,6 +19,9 @@ _TCP_FRAME: Final = "tool0_controller"  # the ROS 2 driver's name for the TCP as
 
 Values = Mapping[str, Any]
 
+_RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
+_IO: Final = "/io_and_status_controller"
+
 
 @dataclass(frozen=True, slots=True)
 class RosTopic:
@@ -219,8 +222,6 @@ def _topic(name: str, kind: str, needs: str, message: Callable[[Values], Values]
     return RosTopic(name, message_type(kind), frozenset(needs.split()), message, slowly)
 
 
-_RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
-_IO: Final = "/io_and_status_controller"
 _TOPICS: Final = (
     _topic("/joint_states", "sensor_msgs/msg/JointState", "actual_q", _joint_states),
     _topic(

@@ -36,6 +36,9 @@ _POWER_ON_RETRY_S: Final = 1.0  # interval at which it is repeated
 _POLL_S: Final = 0.1
 _MAX_UINT64: Final = 2**64 - 1  # uint64
 _POLYSCOPE_X: Final = "it is for robots with PolyScope X: on this one, use load_program"
+_PROGRAM_STATE: Final = replace(  # with the name that the robot gives no program
+    dashboard.PROGRAM_STATE, read=lambda reply: (dashboard.PROGRAM_STATE.read(reply)[0], reply.partition(" ")[2])
+)
 
 
 @dataclass(frozen=True)
@@ -125,9 +128,6 @@ _OFF: Final = _mode(RobotMode.POWER_OFF)
 _ON: Final = _mode(RobotMode.IDLE, RobotMode.RUNNING, within_s=_POWER_ON_S, again_s=_POWER_ON_RETRY_S)
 _RUNNING: Final = _mode(RobotMode.RUNNING)
 
-_PROGRAM_STATE: Final = replace(  # with the name that the robot gives no program
-    dashboard.PROGRAM_STATE, read=lambda reply: (dashboard.PROGRAM_STATE.read(reply)[0], reply.partition(" ")[2])
-)
 
 SERVICES: Final = (
     _trigger("power_on", dashboard.POWER_ON, _ON),

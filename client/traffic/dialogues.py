@@ -15,6 +15,10 @@ _MAX_REQUEST: Final = 1 << 20  # bytes of a request without an end
 
 CutRequests = Callable[[bytearray], Iterator[bytes]]
 
+_NUMBER: Final = 2  # bytes of it
+_UNIT_AND_FUNCTION: Final = slice(6, 8)
+_NO_SUCH_ADDRESS: Final = 2
+
 
 @dataclass(slots=True)
 class RequestLog:
@@ -138,10 +142,6 @@ def answer_dashboard(requests: RequestLog, line: bytes) -> bytes:
 
 
 # Modbus: requests are equal regardless of their transaction number
-
-_NUMBER: Final = 2  # bytes of it
-_UNIT_AND_FUNCTION: Final = slice(6, 8)
-_NO_SUCH_ADDRESS: Final = 2
 
 
 def cut_frames(buffer: bytearray) -> Iterator[bytes]:

@@ -12,6 +12,9 @@ from urproto.ports import CONTROLLER_PORTS
 
 _TIMEOUT_S = 2.0
 _UNKNOWN = "unknown"
+ROBOT_PORTS = CONTROLLER_PORTS
+DRIVER_PORTS = {"reverse": 50001, "script-sender": 50002, "trajectory": 50003, "script-command": 50004}
+_NAMES = {port: name for name, port in {**ROBOT_PORTS, **DRIVER_PORTS}.items()}
 
 
 async def query_identity(host: str, port_offset: int = 0) -> list[str]:
@@ -30,11 +33,6 @@ async def _request(dashboard: DashboardClient, operation: Operation[Any]) -> str
         return str(await dashboard.request(operation))
     except RobotRefused:
         return _UNKNOWN
-
-
-ROBOT_PORTS = CONTROLLER_PORTS
-DRIVER_PORTS = {"reverse": 50001, "script-sender": 50002, "trajectory": 50003, "script-command": 50004}
-_NAMES = {port: name for name, port in {**ROBOT_PORTS, **DRIVER_PORTS}.items()}
 
 
 def is_traffic(port: int) -> bool:

@@ -20,6 +20,7 @@ from urproto.errors import RemoteProtocolError
 FLUSH_S: Final = 0.25  # interval at which to call ``flush`` [s]
 _BUFFER_BYTES: Final = 1 << 18  # a larger buffer is written immediately
 _APPLICATION: Final = "ur-client proxy"
+_CHUNK = 1 << 20  # bytes
 
 
 def wall_clock() -> Callable[[], int]:
@@ -124,9 +125,6 @@ class Recorded:
     def reset(self, from_client: bool) -> None:
         """This end has reset the connection."""
         self._write((self._frames.reset(from_client),))
-
-
-_CHUNK = 1 << 20  # bytes
 
 
 @dataclass(frozen=True, slots=True)

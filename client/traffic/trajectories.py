@@ -52,6 +52,8 @@ _PRIMARY: Final[Mapping[str, str]] = {
     "robot_current": "A", "io_current": "A", "tool_current": "A", "robot_voltage_48V": "V", "tool_voltage_48V": "V",
     "analog_input0": "V", "analog_input1": "V", "analog_output0": "V", "analog_output1": "V",
 }  # fmt: skip
+# Periods of the slower track by which a change may be shifted, for smooth and for switching columns (guesses).
+_SLACK_PERIODS: Final = {True: 0.5, False: 2.0}
 
 
 class ComparisonTolerances:
@@ -87,10 +89,6 @@ def unit_of(column: str) -> str:
     if unit in _VECTORS and (element := _ELEMENT.search(column)):
         return _VECTORS[unit][int(element[1]) >= 3]
     return _UNIT_ALIASES.get(unit, unit)
-
-
-# Periods of the slower track by which a change may be shifted, for smooth and for switching columns (guesses).
-_SLACK_PERIODS: Final = {True: 0.5, False: 2.0}
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,8 @@ from urproto.vectors import ZERO6, Vector3, Vector6, as_six
 from urscript.errors import RuntimeFault
 from urscript.values import Pose, is_number
 
+_NO_TCP = ZERO6
+
 
 def three(values: Sequence[float], what: str) -> Vector3:
     """Three floats; raises a RuntimeFault that names ``what`` when they are not."""
@@ -32,9 +34,6 @@ def within_range() -> Iterator[None]:
         yield
     except (IndexError, OverflowError, ValueError) as error:
         raise RuntimeFault(str(error)) from error
-
-
-_NO_TCP = ZERO6
 
 
 def forward(host: ProgramHost, q: Sequence[float], tcp: Sequence[float] | None = None) -> Vector6:

@@ -16,6 +16,7 @@ LIBRARY = Library("ioconfiguration", host=True)
 _BOX_RANGES = {0: AnalogDomain.VOLTAGE, 2: AnalogDomain.VOLTAGE}
 _TOOL_RANGES = {0: AnalogDomain.VOLTAGE, 1: AnalogDomain.VOLTAGE, 2: AnalogDomain.CURRENT}
 _BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 1000000, 2000000, 5000000)  # Script Manual, set_tool_communication
+_OLD_NOTE = "undocumented; public programs pass only an empty list; that listed outputs follow the program is a guess"
 
 
 @LIBRARY.builtin()
@@ -176,9 +177,6 @@ def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: In
     """Set how analog output 0 or 1 follows the run state: low is its minimum, high its maximum; `state` as above."""
     with within_range():
         host.programs.outputs.set_analog(outputId, _action(host, state))
-
-
-_OLD_NOTE = "undocumented; public programs pass only an empty list; that listed outputs follow the program is a guess"
 
 
 @LIBRARY.builtin(status="partial", note=_OLD_NOTE, work=200)

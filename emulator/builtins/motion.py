@@ -14,6 +14,9 @@ from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, St
 LIBRARY = Library("motion", host=True, physical=True)
 
 _MIN_VALUE = 1e-100  # a smaller number counts as 0, because its square underflows to 0
+_TOOL_SPEED_M_S = 3.0  # guess: the top tool speed that clients accept
+_TOOL_ACCELERATION_M_S2 = 15.0  # guess
+_ORIGIN = ZERO6
 
 
 @LIBRARY.builtin()
@@ -93,10 +96,6 @@ def optimovej(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num 
         yield from host.until_ready(motion.movej(q, a=acceleration, v=speed, t=0, r=r))
 
 
-_TOOL_SPEED_M_S = 3.0  # guess: the top tool speed that clients accept
-_TOOL_ACCELERATION_M_S2 = 15.0  # guess
-
-
 @LIBRARY.builtin(
     cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as fractions of the limits"
 )
@@ -121,9 +120,6 @@ def _goal(host: ProgramHost, name: str, goal: Value) -> list[float]:
     if isinstance(goal, list):
         return list(numbers(goal, 6, f"{name}: goal")) if not isinstance(goal, Pose) else goal
     raise RuntimeFault(f"{name}: goal must be joint angles, a pose, struct(pose=p[...], frame=name), or a frame's name")
-
-
-_ORIGIN = ZERO6
 
 
 def _in_frame(host: ProgramHost, pose: Vector6, frame: str) -> Pose:

@@ -25,6 +25,7 @@ Domain = Literal["current", "voltage"]
 Register = Literal["bit", "int", "double"]
 
 _GROUPS: Final[dict[str, DigitalGroup]] = {group.name: group for group in (STANDARD, CONFIGURABLE, TOOL)}
+_BUTTONS = {"robot": SafetyDevice.EMERGENCY_STOP, "system": SafetyDevice.SYSTEM_EMERGENCY_STOP}
 
 
 class SignalVerbs(Verbs):
@@ -290,6 +291,3 @@ class ModeVerbs(Verbs):
         board = self.controller.safety_board
         board.set_device(device, active)
         board.latch()
-
-
-_BUTTONS = {"robot": SafetyDevice.EMERGENCY_STOP, "system": SafetyDevice.SYSTEM_EMERGENCY_STOP}

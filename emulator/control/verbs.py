@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 Waiting = Generator[None, None, _T]  # yields once for each control period it waits; returns the verb's result
 
+_ABSURD: Final = 1e30  # a timestamp in ns is far below
+_MARK: Final = "__verb__"
+
 
 class ControlledRobot(ABC):
     """The robot that verbs act on. ``controller``: a new object after the robot was switched off and on."""
@@ -43,8 +46,6 @@ class Verbs:
         return self._robot.wait(steps)
 
 
-_ABSURD: Final = 1e30  # a timestamp in ns is far below
-_MARK: Final = "__verb__"
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 

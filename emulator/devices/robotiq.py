@@ -24,6 +24,13 @@ _RELEASE_SPEED: Final = 0  # as SPE: automatic release is slow
 # as `GET DST` reports them; the names are from the maker's programs
 _DRIVER_LISTENS: Final = 1
 _DRIVER_RUNS: Final = 4
+_WRITABLE: Final[Mapping[str, int]] = {  # name: greatest value
+    "ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "POS": _FULL, "SPE": _FULL, "FOR": _FULL,
+    # of the maker's other grippers; stored without effect, because the maker's programs read them all
+    "MOD": _FULL, "LBP": _FULL, "LRD": _FULL, "LBL": _FULL, "LGN": _FULL, "MSC": _FULL,
+}  # fmt: skip
+_ALIASES: Final = {"ADR": "ARD"}  # as a widespread client spells it
+_TEXTS: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,14 +144,6 @@ _MOTION_FAULT: Final = {
     Phase.CLOSING: Fault.ACTION_DELAYED,
     Phase.OPENING: Fault.ACTION_DELAYED,
 }
-
-_WRITABLE: Final[Mapping[str, int]] = {  # name: greatest value
-    "ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "POS": _FULL, "SPE": _FULL, "FOR": _FULL,
-    # of the maker's other grippers; stored without effect, because the maker's programs read them all
-    "MOD": _FULL, "LBP": _FULL, "LRD": _FULL, "LBL": _FULL, "LGN": _FULL, "MSC": _FULL,
-}  # fmt: skip
-_ALIASES: Final = {"ADR": "ARD"}  # as a widespread client spells it
-_TEXTS: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from urproto.text import unknown
 SUBJECTS: Final = (network, line, rtde, arm, scene, program, machine)
 _F = TypeVar("_F", bound=Fault)
 _TIMING: Final = tuple(field.name for field in fields(Fault))
+_CHANCE: Final = ("once", "probability", "seed")
 
 
 def make_fault(kind: str, arguments: Mapping[str, Any], *, typed: bool = True) -> Fault:
@@ -74,9 +75,6 @@ def kinds() -> list[dict[str, Any]]:
         }
         for name, form in KINDS.items()
     ]
-
-
-_CHANCE: Final = ("once", "probability", "seed")
 
 
 def _arguments(form: type[Fault]) -> list[dict[str, Any]]:

@@ -29,6 +29,9 @@ from emulator.controller import Controller
 from emulator.servers.port import PortServer
 from urproto.modes import JointMode, RobotMode, RuntimeState, ToolMode
 
+_ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
+_T = TypeVar("_T")
+
 
 def publish_no_controller(controller: Controller) -> None:
     """Replace the last snapshot by one without a controller, which the control API and the pendant show."""
@@ -51,10 +54,6 @@ def rebooted(before: Controller, boot_s: float, outage_s: float) -> Controller:
         config, uptime_s=0.0, running=False, initial_q=before.motion.q, wall_clock_s=wall_clock_s, timings=timings
     )
     return Controller(config)
-
-
-_ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
-_T = TypeVar("_T")
 
 
 class Rate(Protocol):

@@ -39,6 +39,8 @@ from urproto.modbus import (
 )
 from urproto.modes import RobotStatusBits, SafetyStatusBits
 
+_TURN: Final = 2.0 * math.pi
+
 
 def answer_request(machine: Machine, pdu: bytes) -> bytes:
     """Carry out a request and return the response, an exception response if the request is refused.
@@ -78,9 +80,6 @@ def _read_block(machine: Machine, table: dict[int, Cell], addresses: range, what
     _reader(table, addresses[0], what)
     cells = (table.get(address) for address in addresses)
     return [_word(cell.read(machine)) if cell is not None and cell.read is not None else 0 for cell in cells]
-
-
-_TURN: Final = 2.0 * math.pi
 
 
 def read_register(machine: Machine, address: int) -> int:

@@ -23,6 +23,14 @@ BIT_COUNT: Final = 128  # RTDE guide
 NUMBER_COUNT: Final = 48  # RTDE guide; 24 before 3.9 / 5.3
 _INT32_MIN: Final = -(2**31)
 _INT32_MAX: Final = 2**31 - 1
+MODBUS_GENERAL_PURPOSE: Final = range(128, 256)
+"""Registers of the Modbus server that programs and clients may use as they like."""
+
+# Ranges of the control box's analog outputs (user manual: 4-20 mA or 0-10 V).
+_CURRENT_LOW_A: Final = 0.004
+_CURRENT_HIGH_A: Final = 0.020
+_VOLTAGE_HIGH_V: Final = 10.0
+_TOOL_VOLTAGES: Final = (0, 12, 24)  # V
 
 
 class RegisterBank(Marked):
@@ -91,10 +99,6 @@ class Registers:
             snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles
 
 
-MODBUS_GENERAL_PURPOSE: Final = range(128, 256)
-"""Registers of the Modbus server that programs and clients may use as they like."""
-
-
 class ModbusRegisters:
     """Registers that belong to the Modbus server alone: the general-purpose ones, and the uptime latched last."""
 
@@ -152,13 +156,6 @@ class ForceInput:
         x, y, z = (f + o - t for f, o, t in zip(flange, (ox, oy, oz), arm.tcp_pose, strict=False))
         fx, fy, fz = force
         return (fx, fy, fz, tx + y * fz - z * fy, ty + z * fx - x * fz, tz + x * fy - y * fx)
-
-
-# Ranges of the control box's analog outputs (user manual: 4-20 mA or 0-10 V).
-_CURRENT_LOW_A: Final = 0.004
-_CURRENT_HIGH_A: Final = 0.020
-_VOLTAGE_HIGH_V: Final = 10.0
-_TOOL_VOLTAGES: Final = (0, 12, 24)  # V
 
 
 class Signals(Marked):

@@ -23,6 +23,15 @@ from urproto.compat import Self
 from urproto.facts import Situation, find
 from urproto.modes import JointMode, RobotMode, ToolMode
 
+_STEPS: Final = (
+    "boot.disconnected",
+    "boot.booting",
+    "boot.confirm_safety",
+    "power_on.joints_boot",
+    "power_on.idle",
+    "brake_release",
+)
+
 
 class PowerState(Enum):
     """Stages of the arm between off and running."""
@@ -78,14 +87,6 @@ class PowerTimings:
         return cls(*(find(name, situation).number for name in _STEPS))
 
 
-_STEPS: Final = (
-    "boot.disconnected",
-    "boot.booting",
-    "boot.confirm_safety",
-    "power_on.joints_boot",
-    "power_on.idle",
-    "brake_release",
-)
 REPORTS: Final[dict[PowerState, PowerReport]] = {
     PowerState.DISCONNECTED: PowerReport(RobotMode.DISCONNECTED, JointMode.POWER_OFF, ToolMode.POWER_OFF, False),
     PowerState.UNCONFIRMED: PowerReport(RobotMode.CONFIRM_SAFETY, JointMode.POWER_OFF, ToolMode.POWER_OFF, False),

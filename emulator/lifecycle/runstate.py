@@ -17,6 +17,12 @@ from urproto.compat import Self
 from urproto.facts import code_of
 from urproto.modes import RuntimeState
 
+READ_ONLY_SOCKET: Final = code_of("read_only_socket")[0]
+# Ramp of a program's time when it starts. Measured: target speeds of a UR3 and a UR5 that start a program with a movel
+# (el-Lennard/Robotik, Modularbeit/Aufgabe4 and Modularbeit Code/A2_movel.csv: a t (t / 0.16 s)^2 / 2 in each of 20
+# periods, to the last digit), angles of a UR10e (shamilmamedov/dynamic_calibration, the first moves of two files)
+START_S: Final = 0.16
+
 
 @dataclass(frozen=True, slots=True)
 class StopCause:
@@ -34,14 +40,8 @@ class StopCause:
 
 
 SCRIPT_PROTECTIVE_STOP: Final = StopCause.of("script_protective_stop")
-READ_ONLY_SOCKET: Final = code_of("read_only_socket")[0]
 BUSY_PROTECTIVE_STOP: Final = StopCause.of("busy_program")
 RTDE_WATCHDOG: Final = StopCause.of("rtde_watchdog")
-
-# Ramp of a program's time when it starts. Measured: target speeds of a UR3 and a UR5 that start a program with a movel
-# (el-Lennard/Robotik, Modularbeit/Aufgabe4 and Modularbeit Code/A2_movel.csv: a t (t / 0.16 s)^2 / 2 in each of 20
-# periods, to the last digit), angles of a UR10e (shamilmamedov/dynamic_calibration, the first moves of two files)
-START_S: Final = 0.16
 
 
 class Speed:

@@ -13,6 +13,25 @@ from urproto.compat import IntEnum
 from urproto.modes import SafetyMode, SafetyStatus, SafetyStatusBits
 
 PROTECTIVE_STOP_LOCK_S: Final = 5.0  # dashboard manual: no unlock earlier than this after the stop
+_M = SafetyMode
+_OPERATIONAL: Final = (_M.NORMAL, _M.REDUCED, _M.RECOVERY)
+_STOPPED: Final = (_M.PROTECTIVE_STOP, _M.SAFEGUARD_STOP)
+_EMERGENCY: Final = (_M.SYSTEM_EMERGENCY_STOP, _M.ROBOT_EMERGENCY_STOP)
+_HARD: Final = (_M.VIOLATION, _M.FAULT)
+_POWERLESS: Final = (*_EMERGENCY, *_HARD)
+_STOP: Final = SafetyStatusBits.STOPPED_DUE_TO_SAFETY
+_ESTOP: Final = SafetyStatusBits.EMERGENCY_STOPPED | _STOP
+_STATUS_BITS: Final[dict[SafetyMode, SafetyStatusBits]] = {
+    _M.NORMAL: SafetyStatusBits.NORMAL,
+    _M.REDUCED: SafetyStatusBits.REDUCED,
+    _M.PROTECTIVE_STOP: SafetyStatusBits.PROTECTIVE_STOPPED | _STOP,
+    _M.RECOVERY: SafetyStatusBits.RECOVERY,
+    _M.SAFEGUARD_STOP: SafetyStatusBits.SAFEGUARD_STOPPED | _STOP,
+    _M.SYSTEM_EMERGENCY_STOP: SafetyStatusBits.SYSTEM_EMERGENCY_STOPPED | _ESTOP,
+    _M.ROBOT_EMERGENCY_STOP: SafetyStatusBits.ROBOT_EMERGENCY_STOPPED | _ESTOP,
+    _M.VIOLATION: SafetyStatusBits.VIOLATION | _STOP,
+    _M.FAULT: SafetyStatusBits.FAULT | _STOP,
+}
 
 
 class StopCategory(IntEnum):
@@ -46,13 +65,7 @@ class SafetyEvent(Enum):
     RESTART = auto()
 
 
-_M = SafetyMode
 _E = SafetyEvent
-_OPERATIONAL: Final = (_M.NORMAL, _M.REDUCED, _M.RECOVERY)
-_STOPPED: Final = (_M.PROTECTIVE_STOP, _M.SAFEGUARD_STOP)
-_EMERGENCY: Final = (_M.SYSTEM_EMERGENCY_STOP, _M.ROBOT_EMERGENCY_STOP)
-_HARD: Final = (_M.VIOLATION, _M.FAULT)
-_POWERLESS: Final = (*_EMERGENCY, *_HARD)
 # opening event -> closing event and the safety status in between; the safety mode is the same for all
 _SAFEGUARDS: Final = {
     _E.SAFEGUARD_OPEN: (_E.SAFEGUARD_CLOSED, SafetyStatus.SAFEGUARD_STOP),
@@ -93,20 +106,6 @@ _CONDITIONS: Final[dict[SafetyEvent, SafetyEvent]] = {
     **{opened: closed for opened, (closed, _) in _SAFEGUARDS.items()},
     _E.OUTSIDE_LIMITS: _E.INSIDE_LIMITS,
     _E.REDUCED: _E.NOT_REDUCED,
-}
-
-_STOP: Final = SafetyStatusBits.STOPPED_DUE_TO_SAFETY
-_ESTOP: Final = SafetyStatusBits.EMERGENCY_STOPPED | _STOP
-_STATUS_BITS: Final[dict[SafetyMode, SafetyStatusBits]] = {
-    _M.NORMAL: SafetyStatusBits.NORMAL,
-    _M.REDUCED: SafetyStatusBits.REDUCED,
-    _M.PROTECTIVE_STOP: SafetyStatusBits.PROTECTIVE_STOPPED | _STOP,
-    _M.RECOVERY: SafetyStatusBits.RECOVERY,
-    _M.SAFEGUARD_STOP: SafetyStatusBits.SAFEGUARD_STOPPED | _STOP,
-    _M.SYSTEM_EMERGENCY_STOP: SafetyStatusBits.SYSTEM_EMERGENCY_STOPPED | _ESTOP,
-    _M.ROBOT_EMERGENCY_STOP: SafetyStatusBits.ROBOT_EMERGENCY_STOPPED | _ESTOP,
-    _M.VIOLATION: SafetyStatusBits.VIOLATION | _STOP,
-    _M.FAULT: SafetyStatusBits.FAULT | _STOP,
 }
 
 

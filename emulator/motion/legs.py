@@ -20,6 +20,7 @@ TOOL_LIMITS = Limits(1.5, 15.0)
 
 _BISECTIONS = 20  # 2**-20 of half a leg
 _NO_WAY_M = 1e-9  # a shorter tool path counts as no movement: it is a rounding error of the present pose
+_STRAIGHT = 1e-9  # m2: three points that span less than this area count as a line
 
 
 class Leg(Protocol):
@@ -167,9 +168,6 @@ class LineLeg(ToolLeg):
         if s >= self.length:
             return self._goal
         return self._beyond_start(scaled(self.change, s / self.length))
-
-
-_STRAIGHT = 1e-9  # m2: three points that span less than this area count as a line
 
 
 class Circle:

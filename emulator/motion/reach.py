@@ -11,6 +11,12 @@ from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans
 from urproto.vectors import ZERO6, as_six
 
+_SINGULAR: Final = 1e-3  # of distance_to_singularity(): an arm this near to one is in it (guess)
+# Damps a step in a direction in which the joints move the tool by less than this [m/rad, rad/rad] (guess).
+_DAMPING = 0.05
+_NO_LIMITS: Joints = (inf, inf, inf, inf, inf, inf)
+_NO_LIMITS_BELOW: Joints = (-inf, -inf, -inf, -inf, -inf, -inf)
+
 
 def dexterity(dh: DH, q_rad: Joints) -> float:
     """Square of the Jacobian's determinant, from its three factors: the controller's "dexterity" of the robot.
@@ -28,9 +34,6 @@ def distance_to_singularity(dh: DH, q_rad: Joints) -> float:
     distance from there counts as a fraction of the length of the two long links.
     """
     return min(_distances(dh, q_rad).values())
-
-
-_SINGULAR: Final = 1e-3  # of distance_to_singularity(): an arm this near to one is in it (guess)
 
 
 def singularity(dh: DH, q_rad: Joints) -> Singularity | None:
@@ -51,12 +54,6 @@ def _outward(dh: DH, q_rad: Joints) -> float:
     """Distance of the wrist from the base joint's axis [m], in the arm's plane."""
     _, q2, q3, q4, _, _ = q_rad
     return dh.a[1] * cos(q2) + dh.a[2] * cos(q2 + q3) + dh.d[4] * sin(q2 + q3 + q4)
-
-
-# Damps a step in a direction in which the joints move the tool by less than this [m/rad, rad/rad] (guess).
-_DAMPING = 0.05
-_NO_LIMITS: Joints = (inf, inf, inf, inf, inf, inf)
-_NO_LIMITS_BELOW: Joints = (-inf, -inf, -inf, -inf, -inf, -inf)
 
 
 class Reach:

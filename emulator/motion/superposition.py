@@ -40,6 +40,8 @@ from urproto.vectors import (
 
 _SAME = 1e-9  # m, rad: a filtered offset this close to the commanded one is set to it (guess)
 _STANDING_M = 1e-9  # a shorter displacement in one period has no direction
+_SUDDEN = 5.0  # times a joint's acceleration limit: a displacement that demands more is a jump (guess)
+_TOLERANCE = 1e-6
 
 
 class OffsetFrame(IntEnum):
@@ -140,10 +142,6 @@ def _motion_axes(path: Pose, before: Axes | None, along: Vector3 | None = None) 
         return before if before is not None else axes_of(path)
     y = unit(aside, tool_x)
     return x, y, cross(x, y)
-
-
-_SUDDEN = 5.0  # times a joint's acceleration limit: a displacement that demands more is a jump (guess)
-_TOLERANCE = 1e-6
 
 
 class Kind(IntEnum):

@@ -11,6 +11,15 @@ from urproto.vectors import Vector3
 GRIPPER: Final = "gripper"
 """Name of the gripper of ``--gripper``."""
 
+# Source of masses and forces: the maker's specifications. Outer dimensions are close to its drawings. That the fingers
+# move along the flange's y axis is a guess; that they stay parallel and at one height is a simplification.
+_ROBOTIQ: Final = {
+    "Robotiq 2F-85": ((0.0375, 0.115), (0.008, 0.022, 0.048), 0.925, (20.0, 235.0)),
+    "Robotiq 2F-140": ((0.0375, 0.145), (0.010, 0.025, 0.085), 1.025, (10.0, 125.0)),
+    "Robotiq Hand-E": ((0.0375, 0.115), (0.008, 0.022, 0.042), 1.07, (20.0, 130.0)),
+}
+_JAW_KG: Final = 0.5  # of a gripper on outputs (guess)
+
 
 @dataclass(frozen=True, kw_only=True)
 class GripperShape:
@@ -36,16 +45,6 @@ class GripperShape:
     def tip(self) -> float:
         """From the palm's origin to the ends of the fingers [m]."""
         return self.palm[1] + self.pad[2]
-
-
-# Source of masses and forces: the maker's specifications. Outer dimensions are close to its drawings. That the fingers
-# move along the flange's y axis is a guess; that they stay parallel and at one height is a simplification.
-_ROBOTIQ: Final = {
-    "Robotiq 2F-85": ((0.0375, 0.115), (0.008, 0.022, 0.048), 0.925, (20.0, 235.0)),
-    "Robotiq 2F-140": ((0.0375, 0.145), (0.010, 0.025, 0.085), 1.025, (10.0, 125.0)),
-    "Robotiq Hand-E": ((0.0375, 0.115), (0.008, 0.022, 0.042), 1.07, (20.0, 130.0)),
-}
-_JAW_KG: Final = 0.5  # of a gripper on outputs (guess)
 
 
 def robotiq_gripper(model: GripperModel) -> GripperShape:

@@ -23,6 +23,10 @@ MAX_STATEMENTS: Final = 1000
 CodeT = TypeVar("CodeT")
 Answer: TypeAlias = Callable[[str], None]
 
+_NOTE_LENGTH: Final = 300  # maximum length of clients' texts in the log
+_HOLDING: Final = frozenset(["clear_interpreter", "end_interpreter"])
+_ALWAYS_ACCEPTED: Final = re.compile(r"\s*(clear|end)_interpreter\s*\(\s*\)\s*")
+
 
 @dataclass(frozen=True, slots=True)
 class Received:
@@ -131,11 +135,6 @@ class StatementQueue(Generic[CodeT]):
         """Interpreter mode is over: lines already interpreted are not executed any more."""
         self._ready.clear()
         self._holder = self.executing = None
-
-
-_NOTE_LENGTH: Final = 300  # maximum length of clients' texts in the log
-_HOLDING: Final = frozenset(["clear_interpreter", "end_interpreter"])
-_ALWAYS_ACCEPTED: Final = re.compile(r"\s*(clear|end)_interpreter\s*\(\s*\)\s*")
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,11 @@ MAX_PROGRAMS: Final = 2000  # guess: a longer list is of no use for choosing a p
 _AT_ONCE: Final = 20  # entries checked per control period; each may access the file system
 _MAX_ENTRIES: Final = 50_000  # guess: a folder with more is not a programs folder
 _SUFFIXES: Final = (".urp", URPX, ".script")
+DEFAULT_URPX: Final = Path(__file__).with_name("polyscope_x") / "default.urpx"
+"""The program that a robot with PolyScope X loads when it is switched on: one without nodes."""
+
+DRIVER_PROGRAMS: Final = Path(__file__).with_name("urcap")
+"""Programs folder for robots without one: its ``external_control.urp`` is an External Control node in a loop."""
 
 
 def program_files(root: Path) -> Generator[None, None, list[str]]:
@@ -59,13 +64,6 @@ def _entries(folder: Path) -> list[Path]:
         return list(folder.iterdir())
     except OSError:  # removed in the meantime, or not readable
         return []
-
-
-DEFAULT_URPX: Final = Path(__file__).with_name("polyscope_x") / "default.urpx"
-"""The program that a robot with PolyScope X loads when it is switched on: one without nodes."""
-
-DRIVER_PROGRAMS: Final = Path(__file__).with_name("urcap")
-"""Programs folder for robots without one: its ``external_control.urp`` is an External Control node in a loop."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,6 +53,7 @@ _MAX_WARNINGS: Final = 100  # of one program, in the log
 _NOT_READY: Final = "power the arm on, release its brakes, clear any stop"
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
+_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title observed on a real controller
 
 
 class ProgramView:
@@ -93,9 +94,6 @@ class ProgramView:
             ProgramThread(*(thread.label or (0, "")), thread.name.removeprefix("t_"))
             for thread in self._runtime.threads
         )
-
-
-_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title observed on a real controller
 
 
 class SecondaryPrograms:

@@ -14,6 +14,8 @@ from urscript.values import INT_MAX, INT_MIN, MAX_STRING
 _MAX_OPEN: Final = 100
 """Maximum number of open dialogues; another one closes the oldest (a guess: a program can open them in a loop)."""
 
+_BOOLEAN_WORDS: Final = {"true": True, "yes": True, "false": False, "no": False}
+
 
 @dataclass(eq=False, kw_only=True)
 class Popup:
@@ -130,9 +132,6 @@ def _checked(value: Any, requested: RequestedType) -> Any:
     if requested is RequestedType.STRING and kind is str and len(to_bytes(value)) <= MAX_STRING:
         return value
     raise ValueError(f"{value!r:.60} is not an answer: the program expects a value of type {requested.name.lower()}")
-
-
-_BOOLEAN_WORDS: Final = {"true": True, "yes": True, "false": False, "no": False}
 
 
 def _parse_typed(text: str, requested: RequestedType) -> Any:

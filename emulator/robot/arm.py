@@ -45,6 +45,10 @@ from urproto.versions import Series
 if TYPE_CHECKING:
     from urproto.robots.dynamics import Dynamics
 
+_MAX_PUSH: Final = 3.0  # times a joint's torque limit: a larger external torque would break it (guess)
+_LOST_RAD_S: Final = 1e4  # a body reaches this speed only if its payload has an impossible inertia
+_STANDING_RAD_S: Final = 0.005  # a slower arm counts as at rest (guess)
+
 
 class ToolState:
     """Poses, speeds and accelerations of the TCP in the base frame; the elbow's position and velocity."""
@@ -77,10 +81,6 @@ class ToolState:
         self.elbow_velocity = (x / period_s, y / period_s, z / period_s) if moving else ZERO3
         self.elbow_position = position
 
-
-_MAX_PUSH: Final = 3.0  # times a joint's torque limit: a larger external torque would break it (guess)
-_LOST_RAD_S: Final = 1e4  # a body reaches this speed only if its payload has an impossible inertia
-_STANDING_RAD_S: Final = 0.005  # a slower arm counts as at rest (guess)
 
 _Motion = tuple[Vector6, Vector6, Vector6]
 

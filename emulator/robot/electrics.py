@@ -34,6 +34,12 @@ _MOTOR_RISE_K_A2: Final[Vector6] = (0.04, 0.04, 0.04, 0.5, 0.5, 0.5)
 _FRICTION_RISE_K_W: Final = 0.2
 _TOOL_RISE_K: Final = 6.0
 _BOX_RISE_K: Final = 13.0  # always on
+# Measured at rest (see above): 0.681, 0.751 and 0.549 A with joint currents of 14.8, 31.3 and 0.1 A2 in all; joints
+# 0.14, 0.16 and 0.23 V below the supply
+_STANDBY_A: Final = 0.56  # control electronics of a powered arm
+_LOSS_OHM: Final = 0.31  # per joint, motor and drive
+_CABLE_OHM: Final = 0.25  # from the supply to the joints
+_RULES: Final = ("measured", "zero", "twice")  # how values are reported, in the ledger
 
 
 class Thermals:
@@ -79,14 +85,6 @@ def _approach(temperature: float, rise: float) -> float:
 def _approach6(temperatures: Vector6, rises: Vector6) -> Vector6:
     a, b, c, d, e, f = map(_approach, temperatures, rises)
     return (a, b, c, d, e, f)
-
-
-# Measured at rest (see above): 0.681, 0.751 and 0.549 A with joint currents of 14.8, 31.3 and 0.1 A2 in all; joints
-# 0.14, 0.16 and 0.23 V below the supply
-_STANDBY_A: Final = 0.56  # control electronics of a powered arm
-_LOSS_OHM: Final = 0.31  # per joint, motor and drive
-_CABLE_OHM: Final = 0.25  # from the supply to the joints
-_RULES: Final = ("measured", "zero", "twice")  # how values are reported, in the ledger
 
 
 class Electrics:

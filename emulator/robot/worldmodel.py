@@ -19,6 +19,11 @@ _WORLD, _BASE, _FLANGE, _TCP = "world", "base", "flange", "tcp"
 _PREDEFINED: Final = (_WORLD, _BASE, _FLANGE, _TCP)
 _FIXED: Final = (_WORLD, _FLANGE, _TCP)  # MotionPlus manual: these are never attached elsewhere
 _MAX_FRAMES: Final = 100  # a limit of this implementation, which bounds the cost of a look-up
+_NOT_MOVED: Final = {
+    _WORLD: "it is the root of all frames",
+    _FLANGE: "the arm moves it",
+    _TCP: "set_tcp() places it",
+}
 
 
 class WorldModelError(ValueError):
@@ -192,13 +197,6 @@ class WorldModel:
             if _FLANGE in self._chain(name)
         ]
         return _combined(carried)
-
-
-_NOT_MOVED: Final = {
-    _WORLD: "it is the root of all frames",
-    _FLANGE: "the arm moves it",
-    _TCP: "set_tcp() places it",
-}
 
 
 def _turn_between(reference: Pose, other: Pose) -> Pose:

@@ -50,6 +50,13 @@ _OK: Final = "OK"
 _SWITCHING_S: Final = 60.0  # guess: switching on takes up to half a minute on an arm
 _Waiting = Generator[None, None, Any]
 
+_ACTIONS: Final[dict[ProgramAction, tuple[Callable[[Controller], Any], str]]] = {
+    ProgramAction.PLAY: (dashboard.play, replies.STARTING),
+    ProgramAction.RESUME: (dashboard.play, replies.STARTING),
+    ProgramAction.PAUSE: (dashboard.pause, replies.PAUSING),
+    ProgramAction.STOP: (dashboard.stop, replies.STOPPED),
+}
+
 
 class Upload(bytes):
     """The file of a multipart request."""
@@ -225,14 +232,6 @@ def put_program_state(controller: Controller, change: ProgramStateChange) -> Gen
         mode, state = controller.power.robot_mode.name, controller.programs.state.name
         raise HttpError(CONFLICT, f"{change.action} is not possible: the robot mode is {mode}, the program {state}")
     return Done(_OK)
-
-
-_ACTIONS: Final[dict[ProgramAction, tuple[Callable[[Controller], Any], str]]] = {
-    ProgramAction.PLAY: (dashboard.play, replies.STARTING),
-    ProgramAction.RESUME: (dashboard.play, replies.STARTING),
-    ProgramAction.PAUSE: (dashboard.pause, replies.PAUSING),
-    ProgramAction.STOP: (dashboard.stop, replies.STOPPED),
-}
 
 
 @endpoint(robotapi.GET_PROGRAM_STATE)

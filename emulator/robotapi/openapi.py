@@ -22,6 +22,11 @@ _REFUSALS: Final = {
     "500": "The emulator failed.",
     "504": "The robot takes too long.",
 }
+_FILE: Final = {
+    "type": "object",
+    "properties": {"file": {"type": "string", "contentMediaType": "application/octet-stream"}},
+    "required": ["file"],
+}
 
 
 def openapi(operations: Sequence[Operation], version: PolyscopeVersion) -> dict[str, Any]:
@@ -70,13 +75,6 @@ def _operation(operation: Operation, schema_of: dict[Any, Any]) -> dict[str, Any
         described["parameters"] = [{"name": "name", "in": "path", "required": True, "schema": {"type": "string"}}]
     assert (operation.named) == ("{name}" in place.path), place.path
     return described
-
-
-_FILE: Final = {
-    "type": "object",
-    "properties": {"file": {"type": "string", "contentMediaType": "application/octet-stream"}},
-    "required": ["file"],
-}
 
 
 def _refusal(text: str, schema: Any) -> dict[str, Any]:

@@ -34,6 +34,12 @@ from urscript.polyscope.safety_configuration import (
 
 _STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes at most 500 ms
 _REST_RAD_S: Final = 0.2  # CB3 manual: a slower joint counts as standing
+_MOVING_RAD_S: Final = 0.1  # user manual: output "robot moving"
+_HOME_RAD: Final = 0.0297  # 1.7 degrees: e-Series manual, safe home
+_STOPS_COUNTED_S: Final = 8 * 3600.0
+_MAX_STOPS: Final = 50  # dashboard manual, on C163
+_ENABLING_BIT: Final = Availability.since(None, "5.25")
+_HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
 
 
 @dataclass(slots=True)
@@ -89,10 +95,6 @@ class StopMonitor:
         return monitored and max(map(abs, machine.arm.qd)) > _REST_RAD_S
 
 
-_MOVING_RAD_S: Final = 0.1  # user manual: output "robot moving"
-_HOME_RAD: Final = 0.0297  # 1.7 degrees: e-Series manual, safe home
-
-
 def output_levels(machine: Machine, home: Vector6 | None) -> dict[SafetyOutput, bool]:
     """Levels of the safety outputs (user manual): low is the safe level; after a violation or fault, all are low.
 
@@ -114,12 +116,6 @@ def output_levels(machine: Machine, home: Vector6 | None) -> dict[SafetyOutput, 
 
 def _is_at(q: Vector6, home: Vector6) -> bool:
     return all(abs(remainder(a - b, tau)) <= _HOME_RAD for a, b in zip(q, home, strict=True))
-
-
-_STOPS_COUNTED_S: Final = 8 * 3600.0
-_MAX_STOPS: Final = 50  # dashboard manual, on C163
-_ENABLING_BIT: Final = Availability.since(None, "5.25")
-_HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
 
 
 class SafetyBoard:

@@ -14,6 +14,9 @@ from urproto.signals import CONFIGURABLE
 from urproto.versions import Series
 from urscript.polyscope.safety_configuration import Pins, SafetyConfiguration, SafetyInput, SafetyOutput
 
+_TRIGGER_HYSTERESIS_M: Final = 0.02  # hardware manuals: both sets of limits are accepted within this distance
+_EMERGENCY_STOPS: Final = frozenset({SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyEvent.SYSTEM_EMERGENCY_STOP})
+
 
 class SafetyDevice(Enum):
     """Devices that a user can press, open or release, wired or not."""
@@ -108,10 +111,6 @@ def _union(masks: Mapping[SafetyInput, int]) -> int:
     for mask in masks.values():
         whole |= mask
     return whole
-
-
-_TRIGGER_HYSTERESIS_M: Final = 0.02  # hardware manuals: both sets of limits are accepted within this distance
-_EMERGENCY_STOPS: Final = frozenset({SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyEvent.SYSTEM_EMERGENCY_STOP})
 
 
 class Conditions:

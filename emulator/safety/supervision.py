@@ -34,6 +34,9 @@ _REACTION_PERIODS: Final = 2.0  # from detection until the arm slows down
 _HALT_M: Final = 0.001  # distance from a boundary that remains after a stop (guess)
 _HALT_RAD: Final = 0.001
 _ROUNDING_RAD: Final = 1e-6  # rounding error of a joint that has braked at its limit
+_POSITIONS: Final = frozenset(
+    {Cause.JOINT_POSITION_VIOLATION, Cause.TCP_POSITION_VIOLATION, Cause.TCP_ORIENTATION_VIOLATION}
+)
 
 
 class Finding(NamedTuple):
@@ -304,11 +307,6 @@ def _links(model: RobotModel) -> "Links":
     from emulator.world.links import Links  # imports coal and numpy, which printing the options should not wait for
 
     return Links(model)
-
-
-_POSITIONS: Final = frozenset(
-    {Cause.JOINT_POSITION_VIOLATION, Cause.TCP_POSITION_VIOLATION, Cause.TCP_ORIENTATION_VIOLATION}
-)
 
 
 def _over(cause: Cause, what: str, value: float, limit: float, unit: str) -> Finding:

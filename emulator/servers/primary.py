@@ -31,6 +31,13 @@ from urscript.splitter import ScriptSplitter, Unit
 
 _logger = logging.getLogger(__name__)
 
+_STATES_PER_S: Final = 10  # client interface manual
+_PHASES: Final = 10
+"""Clients that connect within the same hundredth of a second share their states, so that the cost of encoding them does
+not grow with the number of clients."""
+
+_AFTER_VERSION: Final = struct.Struct(">iiB")  # body of the undocumented message of kind 12
+
 
 class ScriptConnection(Connection):
     """Passes on one unit of a script per control period, so that its effects are in place before the next one runs.
@@ -115,12 +122,6 @@ class RealtimeServer(PortServer):
 
 
 EncodeState = Callable[[Snapshot, bool], bytes]
-
-_STATES_PER_S: Final = 10  # client interface manual
-_PHASES: Final = 10
-"""Clients that connect within the same hundredth of a second share their states, so that the cost of encoding them does
-not grow with the number of clients."""
-_AFTER_VERSION: Final = struct.Struct(">iiB")  # body of the undocumented message of kind 12
 
 
 def greeting(situation: Situation) -> bytes:

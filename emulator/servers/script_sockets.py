@@ -21,6 +21,8 @@ from emulator.services.sockets import ScriptNetwork, SocketState
 from urproto.backdoors import LOOPBACK_OF, is_backdoor
 
 _LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
+_MAX_UNREAD: Final = 1024 * 1024  # received bytes that the script has not read; above that, reading pauses (guess)
+_MAX_UNSENT: Final = 1024 * 1024  # bytes from the script that wait for the peer; above that, sends fail (guess)
 
 
 class OwnPorts:
@@ -38,9 +40,6 @@ class OwnPorts:
         """Return the real address and port of one of the controller's own ports on loopback; others are unchanged."""
         return self._listening.get(port, (address, port)) if address in _LOOPBACK else (address, port)
 
-
-_MAX_UNREAD: Final = 1024 * 1024  # received bytes that the script has not read; above that, reading pauses (guess)
-_MAX_UNSENT: Final = 1024 * 1024  # bytes from the script that wait for the peer; above that, sends fail (guess)
 
 _logger = logging.getLogger(__name__)
 

@@ -16,6 +16,10 @@ STATES_PER_SECOND: Final = 7_500
 """For clients that only monitor (primary, secondary and realtime interface): 15 per control period of an e-Series arm,
 60 of a CB3 arm (guess)."""
 
+_CHECKS_PER_PACKAGE: Final = 4
+"""Per period, this many times as many waiting clients may be checked as packages may be sent: a check (of a property)
+costs less than a quarter of a package (a system call), which is a guess."""
+
 
 class _Client(Protocol):
     @property
@@ -24,11 +28,6 @@ class _Client(Protocol):
     def send_state(self, data: bytes) -> None: ...
 
     def skip_state(self) -> None: ...
-
-
-_CHECKS_PER_PACKAGE: Final = 4
-"""Per period, this many times as many waiting clients may be checked as packages may be sent: a check (of a property)
-costs less than a quarter of a package (a system call), which is a guess."""
 
 
 class StateFeed:

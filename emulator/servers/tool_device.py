@@ -20,6 +20,9 @@ from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
 
+ECHO: Final = "echo"
+PTY: Final = "pty"
+
 
 class ToolCommunicationServer(PortServer):
     """Forwards bytes in both directions, without interpreting them."""
@@ -57,10 +60,6 @@ class _ToolConnection(Connection):
     def _read_on(self, going: bool) -> None:
         """Read only from the owner of the line."""
         self.read_on(going and self.server.connections[:1] == [self])
-
-
-ECHO: Final = "echo"
-PTY: Final = "pty"
 
 
 @contextmanager

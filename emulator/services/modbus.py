@@ -21,6 +21,17 @@ from urproto.versions import Series
 # Connection errors in addition to errno. Script Manual, modbus_get_error; CONNECTING: another maker's manual
 CONNECTING: Final = -1
 DISCONNECTED: Final = -2
+_BITS: Final = (Function.READ_COILS, Function.READ_DISCRETE_INPUTS, Function.WRITE_COIL, Function.WRITE_COILS)
+_DEFAULT_FREQUENCY_HZ: Final = 10  # PolyScope's default
+_MAX_FREQUENCY_HZ: Final = 500  # Script Manual
+_DEFAULT_WATCHDOG_S: Final = 2.0  # Script Manual, modbus_set_signal_watchdog
+_MAX_WATCHDOG_S: Final = 300.0  # Script Manual
+_MAX_NAME: Final = 20  # characters; Script Manual
+_MAX_VALUES: Final = 123  # Script Manual, register_count
+_MAX_WRITTEN: Final = 121  # by function 23: Modbus Application Protocol; the Script Manual says 123
+_MAX_SIGNALS: Final = 500  # guess: bounds the cost of polling in a control period
+_MAX_WORD: Final = 0xFFFF
+_F = Function
 
 
 class ModbusUnit(NamedTuple):
@@ -81,9 +92,6 @@ class NoModbusNetwork:
     def reset(self, address: str) -> None: ...
 
     def release(self, unit: ModbusUnit) -> None: ...
-
-
-_BITS: Final = (Function.READ_COILS, Function.READ_DISCRETE_INPUTS, Function.WRITE_COIL, Function.WRITE_COILS)
 
 
 @dataclass
@@ -157,17 +165,6 @@ class MemoryModbus:
         self.released.append(unit)
 
 
-_DEFAULT_FREQUENCY_HZ: Final = 10  # PolyScope's default
-_MAX_FREQUENCY_HZ: Final = 500  # Script Manual
-_DEFAULT_WATCHDOG_S: Final = 2.0  # Script Manual, modbus_set_signal_watchdog
-_MAX_WATCHDOG_S: Final = 300.0  # Script Manual
-_MAX_NAME: Final = 20  # characters; Script Manual
-_MAX_VALUES: Final = 123  # Script Manual, register_count
-_MAX_WRITTEN: Final = 121  # by function 23: Modbus Application Protocol; the Script Manual says 123
-_MAX_SIGNALS: Final = 500  # guess: bounds the cost of polling in a control period
-_MAX_WORD: Final = 0xFFFF
-
-
 class ModbusSignalError(ValueError):
     """An operation on a Modbus signal is not possible."""
 
@@ -183,7 +180,6 @@ class SignalType:
     write_many: Function | None = None
 
 
-_F = Function
 # Script Manual, modbus_add_signal; 23 is modbus_add_rw_signal's.
 SIGNAL_TYPES: Final[dict[int, SignalType]] = {
     0: SignalType("digital input", True, _F.READ_DISCRETE_INPUTS),

@@ -17,6 +17,11 @@ from urproto.robots.pose import Pose, axes_of, pose_trans
 from urproto.vectors import ZERO3, ZERO6, Axes, Vector3, Vector6, cross, dot, out_of, out_of6
 
 _ALMOST = 1e-9
+NEAR_M: Final = 0.05  # contacts are reported from this distance on: more than any tool moves in a period
+_AT_TCP: Final = ZERO6
+_CREEP_M_S: Final = 1e-3  # up to this sliding speed, friction is viscous; beyond, it is Coulomb friction (guess)
+_ORIGIN: Final = ZERO6
+_CORNERS_TO_A_FACE: Final = 4
 
 
 class Frame(StrEnum):
@@ -53,11 +58,6 @@ class Push:
             return False
         self.duration_s -= period_s
         return self.duration_s <= _ALMOST
-
-
-NEAR_M: Final = 0.05  # contacts are reported from this distance on: more than any tool moves in a period
-_AT_TCP: Final = ZERO6
-_CREEP_M_S: Final = 1e-3  # up to this sliding speed, friction is viscous; beyond, it is Coulomb friction (guess)
 
 
 def contacts(tool: "WorldObject", objects: "Iterable[WorldObject]", tcp: Pose, speed: Vector6) -> Iterator[Contact]:
@@ -127,10 +127,6 @@ def force_of(
     grip = coefficient * push / max(sqrt(dot(slide, slide)), _CREEP_M_S)
     x, y, z = (push * n - grip * v for n, v in zip(normal, slide, strict=True))
     return (x, y, z), grip
-
-
-_ORIGIN: Final = ZERO6
-_CORNERS_TO_A_FACE: Final = 4
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,27 @@ __all__ = [
     "encode_robot_state",
 ]
 
+_PARTS: dict[int, tuple[str, type[SubPackage]]] = {
+    kind.type: (name, kind)
+    for name, kind in (
+        ("mode", ModeData),
+        ("joints", JointData),
+        ("cartesian", CartesianInfo),
+        ("kinematics", KinematicsInfo),
+        ("calibration", CalibrationData),
+        ("masterboard", MasterboardData),
+        ("tool", ToolData),
+        ("configuration", ConfigurationData),
+        ("force_mode", ForceModeData),
+        ("additional", AdditionalInfo),
+        ("safety", SafetyData),
+        ("tool_communication", ToolCommunicationInfo),
+        ("tool_mode", ToolModeInfo),
+        ("singularity", SingularityInfo),
+    )
+}
+_ONLY_WHEN_FULL = (KinematicsInfo.type, ConfigurationData.type)
+
 
 @dataclass(frozen=True, slots=True)
 class RawSubPackage:
@@ -92,28 +113,6 @@ class RobotStateData:
         """The known parts that are present."""
         parts = (getattr(self, field.name) for field in fields(self) if field.name != "unknown")
         return tuple(part for part in parts if part is not None)
-
-
-_PARTS: dict[int, tuple[str, type[SubPackage]]] = {
-    kind.type: (name, kind)
-    for name, kind in (
-        ("mode", ModeData),
-        ("joints", JointData),
-        ("cartesian", CartesianInfo),
-        ("kinematics", KinematicsInfo),
-        ("calibration", CalibrationData),
-        ("masterboard", MasterboardData),
-        ("tool", ToolData),
-        ("configuration", ConfigurationData),
-        ("force_mode", ForceModeData),
-        ("additional", AdditionalInfo),
-        ("safety", SafetyData),
-        ("tool_communication", ToolCommunicationInfo),
-        ("tool_mode", ToolModeInfo),
-        ("singularity", SingularityInfo),
-    )
-}
-_ONLY_WHEN_FULL = (KinematicsInfo.type, ConfigurationData.type)
 
 
 def encode_robot_state(state: RobotStateData, version: PolyscopeVersion, *, full: bool) -> bytes:

@@ -31,6 +31,9 @@ _NOTHING: Final = 1e-14  # m and rad; rounding errors of sines
 _TOLERANCE: Final = 1e-7  # m and rad: accepts files with ten digits, rejects angles in another order
 _MAX_OFFSET_M: Final = 0.03  # guess: calibrations move a frame by millimetres
 _MAX_ROTATION_RAD: Final = 0.05  # rad (guess)
+_MASK: Final = (1 << 64) - 1
+_FACTOR: Final = 0xC6A4A7935BD1E995
+_SEED: Final = 0xC70F6907  # libstdc++'s
 
 
 class CalibrationError(URError, ValueError):
@@ -293,10 +296,6 @@ def _about_moving_axes(roll: float, pitch: float, yaw: float) -> Matrix3:
 
 
 # hash
-
-_MASK: Final = (1 << 64) - 1
-_FACTOR: Final = 0xC6A4A7935BD1E995
-_SEED: Final = 0xC70F6907  # libstdc++'s
 
 
 def _murmur(data: bytes) -> int:

@@ -16,6 +16,7 @@ from urproto.vectors import ZERO6, Vector6, as_six
 # in target current * torque constant - target moment, both are at the same speed on every joint
 KNOWN_COULOMB_RAD_S: Final = 0.012  # up to this speed, Coulomb friction increases in proportion to the speed
 KNOWN_BEND_RAD_S: Final = 0.5  # at this speed, the slope of viscous friction changes
+_POSITIVE: Final = ("torque_constants_Nm_A", "rotor_kg_m2")
 
 
 class DrivetrainError(ValueError):
@@ -67,9 +68,6 @@ class Drivetrain:
     def to_mapping(self) -> dict[str, list[float]]:
         """The entries of a file that `from_mapping` reads."""
         return {field.name: list(getattr(self, field.name)) for field in fields(self)}
-
-
-_POSITIVE: Final = ("torque_constants_Nm_A", "rotor_kg_m2")
 
 
 def _six(values: Mapping[str, Any], name: str) -> Vector6:

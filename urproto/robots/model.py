@@ -32,6 +32,12 @@ UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)
 _PARTS: Final = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _DATA: Final = Path(__file__).parent / "data"
 _FIRST_X: Final = "first_polyscope_x"
+_DEFAULT_MODEL: Final = {Series.CB3: "ur3", Series.E: "ur3e"}
+_RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "5.x, or 10.7 to 10.13")}
+"""Major version, newest minor version, and the range as text; the CB3 line ended with 3.15."""
+
+_RUNS_X: Final = ((10, 7), (10, 13))
+"""Oldest and newest PolyScope X: those whose simulators the official C++ client is tested against."""
 
 
 class UnknownModelError(ValueError):
@@ -301,21 +307,12 @@ def load_model(name: str) -> RobotModel:
     return RobotModel.from_toml((_DATA / f"{name}.toml").read_text(encoding="utf-8"), name)
 
 
-_DEFAULT_MODEL: Final = {Series.CB3: "ur3", Series.E: "ur3e"}
-
-
 def default_model(version: str | None) -> str:
     """Name of the default arm: ur3, or ur3e if the PolyScope version is an e-Series one.
 
     Raises ValueError when the text is not a version.
     """
     return _DEFAULT_MODEL[PolyscopeVersion.parse(version).series if version else Series.CB3]
-
-
-_RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "5.x, or 10.7 to 10.13")}
-"""Major version, newest minor version, and the range as text; the CB3 line ended with 3.15."""
-_RUNS_X: Final = ((10, 7), (10, 13))
-"""Oldest and newest PolyScope X: those whose simulators the official C++ client is tested against."""
 
 
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:

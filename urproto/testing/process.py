@@ -23,6 +23,20 @@ from urproto.testing.launch import load
 if TYPE_CHECKING:
     from emulator.control.remote import RemoteControl
 
+_FIRST: Final = 0x7F40_0000  # 127.64.0.0: away from addresses that people type
+_COUNT: Final = 2**22
+_STRIDE: Final = 61  # between two processes; prime, so that neighbours are soon apart
+_ATTEMPTS: Final = 200
+_LOCK_PORT: Final = 29999  # UDP, which controllers do not use
+_DASHBOARD_PORT: Final = 29999
+_ONLY_ADDRESS: Final = "127.0.0.1"
+_START_DEADLINE_S: Final = 60.0  # guess: it takes a second, a loaded machine a few
+_STOP_DEADLINE_S: Final = 10.0  # guess
+_POLL_S: Final = 0.02  # between two checks whether it is ready
+_LOG_LINES: Final = 30
+_LOG_WAIT_S: Final = 3.0  # guess: short, because a test has already failed when this is used
+_TAIL: Final = 4000  # characters of its output in an error
+
 
 def command_line(options: Mapping[str, Any]) -> list[str]:
     """``speed=10, running=True`` as ``--speed 10 --running``. Lists repeat their option, None and False omit it."""
@@ -42,14 +56,6 @@ def write_positions(path: Path, q_rad: Sequence[float]) -> Path:
     path.write_text("".join(f"{name}: {float(q)}\n" for name, q in zip(JOINT_NAMES, q_rad, strict=True)))
     return path
 
-
-_FIRST: Final = 0x7F40_0000  # 127.64.0.0: away from addresses that people type
-_COUNT: Final = 2**22
-_STRIDE: Final = 61  # between two processes; prime, so that neighbours are soon apart
-_ATTEMPTS: Final = 200
-_LOCK_PORT: Final = 29999  # UDP, which controllers do not use
-_DASHBOARD_PORT: Final = 29999
-_ONLY_ADDRESS: Final = "127.0.0.1"
 
 _next = itertools.count(os.getpid() * _STRIDE)
 
@@ -95,14 +101,6 @@ def claim_address() -> ClaimedAddress:
 def _bind_once(host: str) -> None:
     with socket.socket() as probe:
         probe.bind((host, _DASHBOARD_PORT))
-
-
-_START_DEADLINE_S: Final = 60.0  # guess: it takes a second, a loaded machine a few
-_STOP_DEADLINE_S: Final = 10.0  # guess
-_POLL_S: Final = 0.02  # between two checks whether it is ready
-_LOG_LINES: Final = 30
-_LOG_WAIT_S: Final = 3.0  # guess: short, because a test has already failed when this is used
-_TAIL: Final = 4000  # characters of its output in an error
 
 
 class EmulatorError(AssertionError):

@@ -30,6 +30,11 @@ _AT_ONCE: Final = 64  # elements that are freed between two yields
 _MAX_REFERENCES: Final = 20  # references that lead to references
 _REFERENCE: Final = "reference"
 _STEP: Final = re.compile(r"([^\[\]]+)(?:\[([0-9]{1,9})\])?")
+_OF_PLACE: Final = ("class", "referenceName")  # attributes of the place where an object is, not of the object
+_ESCAPES: Final = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&apos;", "\r": "&#xd;"}
+_ESCAPED: Final = re.compile("[&<>\"'\r]")
+_ESCAPED_IN_ATTRIBUTE: Final = re.compile("[&<>\"'\r\n\t]")
+_NOT_IN_XML: Final = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 class DocumentError(ValueError):
@@ -293,12 +298,6 @@ class _Builder:
 
 
 # writing
-
-_OF_PLACE: Final = ("class", "referenceName")  # attributes of the place where an object is, not of the object
-_ESCAPES: Final = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&apos;", "\r": "&#xd;"}
-_ESCAPED: Final = re.compile("[&<>\"'\r]")
-_ESCAPED_IN_ATTRIBUTE: Final = re.compile("[&<>\"'\r\n\t]")
-_NOT_IN_XML: Final = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def make(tag: str, *children: Element, text: str = "", **attributes: str) -> Element:

@@ -23,6 +23,11 @@ Value: TypeAlias = str | float | int | bool | None
 Reading: TypeAlias = Callable[[Element, Surroundings], Value]
 Writing: TypeAlias = Callable[[Element, Any, Surroundings], None]
 
+# conversions between shown values and the file
+MILLI: Final = 1e-3
+DEGREES: Final = math.pi / 180
+_DIGITS: Final = 9  # decimals shown; more would only show rounding errors of the conversion
+
 
 def _always(_: Element) -> bool:
     return True
@@ -137,12 +142,6 @@ def java_number(value: float) -> str:
         exponent = str(math.floor(math.log10(abs(value))))
         digits = repr(float(f"{value!r}e{-int(exponent)}")) if "." in digits else digits
     return f"{digits if '.' in digits else digits + '.0'}E{int(exponent)}"
-
-
-# conversions between shown values and the file
-MILLI: Final = 1e-3
-DEGREES: Final = math.pi / 180
-_DIGITS: Final = 9  # decimals shown; more would only show rounding errors of the conversion
 
 
 def _from_file(text: str, factor: float) -> float | None:

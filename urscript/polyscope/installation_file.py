@@ -21,6 +21,35 @@ from urscript.work import Steps, run_to_end
 _AT_ONCE: Final = 64  # elements between two yields
 _UNIT_WORK: Final = 4  # measured: 3 microseconds
 _TYPES: Final = {"DIGITAL_INPUT": 0, "DIGITAL_OUTPUT": 1, "REGISTER_INPUT": 2, "REGISTER_OUTPUT": 3}  # as for scripts
+MAX_ELEMENTS: Final = 20_000
+"""Most elements of an installation, which is interpreted in few steps (guess)."""
+
+_ELEMENT_WORK: Final = 1  # measured: 0.5 to 2 microseconds
+_BYTES_PER_WORK: Final = 20
+_MAX_VARIABLES: Final = 1 << 20  # bytes of the installation variables, unpacked (guess)
+_ROOT: Final = "Installation"
+_GRAVITY: Final = 9.82  # m/s2; in every program PolyScope generates
+PIN_NAMES: Final = {  # element with the names -> kind of pin
+    "DigitalInputNames": "digital_in",
+    "DigitalOutputNames": "digital_out",
+    "ToolDigitalInputNames": "tool_in",
+    "ToolDigitalOutputNames": "tool_out",
+    "AnalogInputNames": "analog_in",
+    "AnalogOutputNames": "analog_out",
+    "ToolAnalogInputNames": "tool_analog_in",
+    "ConfigurableInputNames": "config_in",
+    "ConfigurableOutputNames": "config_out",
+    "GeneralPurposeBooleanRegisterInputNames": "GP_bool_in",
+    "GeneralPurposeBooleanRegisterOutputNames": "GP_bool_out",
+    "GeneralPurposeIntRegisterInputNames": "GP_int_in",
+    "GeneralPurposeIntRegisterOutputNames": "GP_int_out",
+    "GeneralPurposeFloatRegisterInputNames": "GP_float_in",
+    "GeneralPurposeFloatRegisterOutputNames": "GP_float_out",
+}
+_ESCAPED_LETTER: Final = re.compile(r"\\u([0-9A-Fa-f]{4})")
+_OUTPUT_KINDS: Final = {"SINKING": 1, "SOURCING": 2, "PUSH_PULL": 3}
+_PARITIES: Final = {"NONE": 0, "ODD": 1, "EVEN": 2}  # as for set_tool_communication
+_VOLTAGES: Final = {"12": 12, "TWELVE": 12, "24": 24, "TWENTYFOUR": 24, "TWENTY_FOUR": 24}  # the rest is 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,37 +104,6 @@ def _value(element: Element, *names: str) -> str:
         if child is not None and child.text.strip():
             return child.text.strip()
     return ""
-
-
-MAX_ELEMENTS: Final = 20_000
-"""Most elements of an installation, which is interpreted in few steps (guess)."""
-_ELEMENT_WORK: Final = 1  # measured: 0.5 to 2 microseconds
-_BYTES_PER_WORK: Final = 20
-_MAX_VARIABLES: Final = 1 << 20  # bytes of the installation variables, unpacked (guess)
-_ROOT: Final = "Installation"
-_GRAVITY: Final = 9.82  # m/s2; in every program PolyScope generates
-PIN_NAMES: Final = {  # element with the names -> kind of pin
-    "DigitalInputNames": "digital_in",
-    "DigitalOutputNames": "digital_out",
-    "ToolDigitalInputNames": "tool_in",
-    "ToolDigitalOutputNames": "tool_out",
-    "AnalogInputNames": "analog_in",
-    "AnalogOutputNames": "analog_out",
-    "ToolAnalogInputNames": "tool_analog_in",
-    "ConfigurableInputNames": "config_in",
-    "ConfigurableOutputNames": "config_out",
-    "GeneralPurposeBooleanRegisterInputNames": "GP_bool_in",
-    "GeneralPurposeBooleanRegisterOutputNames": "GP_bool_out",
-    "GeneralPurposeIntRegisterInputNames": "GP_int_in",
-    "GeneralPurposeIntRegisterOutputNames": "GP_int_out",
-    "GeneralPurposeFloatRegisterInputNames": "GP_float_in",
-    "GeneralPurposeFloatRegisterOutputNames": "GP_float_out",
-}
-
-_ESCAPED_LETTER: Final = re.compile(r"\\u([0-9A-Fa-f]{4})")
-_OUTPUT_KINDS: Final = {"SINKING": 1, "SOURCING": 2, "PUSH_PULL": 3}
-_PARITIES: Final = {"NONE": 0, "ODD": 1, "EVEN": 2}  # as for set_tool_communication
-_VOLTAGES: Final = {"12": 12, "TWELVE": 12, "24": 24, "TWENTYFOUR": 24, "TWENTY_FOUR": 24}  # the rest is 0
 
 
 @dataclass(frozen=True, slots=True)

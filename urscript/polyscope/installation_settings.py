@@ -36,6 +36,13 @@ from urscript.polyscope.writer import find_pin
 
 _INPUT_ACTIONS: Final = ("NONE", "FREEDRIVE")  # PolyScope has more, which cannot be set here
 _OUTPUT_ACTIONS: Final = ("NONE", "LOW_WHEN_PROGRAM_STOPPED")
+_PIN_COUNTS: Final = {  # since PolyScope 3.13 and 5.9
+    "digital_in": 8, "digital_out": 8, "tool_in": 2, "tool_out": 2, "tool_analog_in": 2, "analog_in": 2,
+    "analog_out": 2, "config_in": 8, "config_out": 8, "GP_bool_in": 128, "GP_bool_out": 128, "GP_int_in": 48,
+    "GP_int_out": 48, "GP_float_in": 48, "GP_float_out": 48,
+}  # fmt: skip
+_WITHOUT_ACTIONS: Final = ("tool_analog_in", "analog_in", "GP_int_in", "GP_float_in")
+_SEVERAL_PAYLOADS: Final = Availability.since(None, "5.10")
 
 
 class Pins(Section):
@@ -403,14 +410,6 @@ def _check_new_name(page: Section, root: Element, name: str) -> None:
 
 
 # a new file
-
-_PIN_COUNTS: Final = {  # since PolyScope 3.13 and 5.9
-    "digital_in": 8, "digital_out": 8, "tool_in": 2, "tool_out": 2, "tool_analog_in": 2, "analog_in": 2,
-    "analog_out": 2, "config_in": 8, "config_out": 8, "GP_bool_in": 128, "GP_bool_out": 128, "GP_int_in": 48,
-    "GP_int_out": 48, "GP_float_in": 48, "GP_float_out": 48,
-}  # fmt: skip
-_WITHOUT_ACTIONS: Final = ("tool_analog_in", "analog_in", "GP_int_in", "GP_float_in")
-_SEVERAL_PAYLOADS: Final = Availability.since(None, "5.10")
 
 
 def new_installation(version: PolyscopeVersion, name: str = "default") -> Element:

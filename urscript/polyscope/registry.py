@@ -26,6 +26,7 @@ Translation: TypeAlias = Callable[[Writer, Element], Steps[None] | None]
 # where a node may be: at the top level, among other nodes, in a Switch, in a Direction, in a Move, after an If
 Place = Literal["program", "nodes", "switch", "direction", "move", "if"]
 PROGRAM: Final = "Program"  # the group of nodes at the top level of a program
+_NODE_WORK: Final = 50  # guess [units of `urscript.work`]
 
 
 def _nothing_undefined(_: Element) -> str:
@@ -80,8 +81,6 @@ class NodeType:
     translation: Translation
     kinds: tuple[Kind, ...] = ()
 
-
-_NODE_WORK: Final = 50  # guess [units of `urscript.work`]
 
 NODES: Final[dict[str, NodeType]] = {}  # by XML tag
 

@@ -24,6 +24,15 @@ _SPEED_MARGIN_RAD_S: Final = (
     0.2  # the factory's joint speed limit over the nominal speed: 3.3416 for pi, 2.2944 for 2.0944
 )
 _POSITION_LIMIT_RAD: Final = 363.0 * pi / 180.0
+# As installation files and captures of simulators have it, by the highest joint speeds. The number in the file is the
+# one on the wire: UR5e 5.24 and CB3. Which arms and versions share one is a guess
+_FACTORY_CHECKSUMS: Final = {
+    (Series.CB3, pi, pi): 2588156642,  # shown as CCCC
+    (Series.CB3, pi, 2.0 * pi): 121691621,
+    (Series.E, pi, pi): 1475618907,
+    (Series.E, pi, 2.0 * pi): 3683737400,
+    (Series.E, 2.0943951023931953, pi): 1041004964,
+}
 
 
 class BoundaryMode(Enum):
@@ -234,17 +243,6 @@ def preset_of(name: str, model: RobotModel) -> LimitSet:
         low, high = (*low[:5], -inf), (*high[:5], inf)
     speeds = tuple(speed + _SPEED_MARGIN_RAD_S for speed in model.qd_max)
     return replace(limits, joint_speed=as_six(speeds), joint_min=as_six(low), joint_max=as_six(high))
-
-
-# As installation files and captures of simulators have it, by the highest joint speeds. The number in the file is the
-# one on the wire: UR5e 5.24 and CB3. Which arms and versions share one is a guess
-_FACTORY_CHECKSUMS: Final = {
-    (Series.CB3, pi, pi): 2588156642,  # shown as CCCC
-    (Series.CB3, pi, 2.0 * pi): 121691621,
-    (Series.E, pi, pi): 1475618907,
-    (Series.E, pi, 2.0 * pi): 3683737400,
-    (Series.E, 2.0943951023931953, pi): 1041004964,
-}
 
 
 def _factory_checksum(model: RobotModel) -> int | None:

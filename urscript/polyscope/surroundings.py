@@ -22,6 +22,18 @@ FEATURE_TITLES: Final = {BASE: "Base", TOOL: "Tool"}
 ORDERS: Final[dict[str, tuple[Sequence[str], Sequence[str]]]] = {}
 """The order of attributes and children in files, by the tag of the node; filled by the registry."""
 
+PIN_COUNTS: Final = {  # how many of each kind there are
+    **dict.fromkeys(("digital_in", "digital_out", "config_in", "config_out"), 8),
+    **dict.fromkeys(("tool_in", "tool_out", "analog_in", "analog_out", "tool_analog_in"), 2),
+    **dict.fromkeys(("GP_bool_in", "GP_bool_out"), 64),
+    **dict.fromkeys(("GP_int_in", "GP_int_out", "GP_float_in", "GP_float_out"), 24),
+}
+DIGITAL_INPUTS: Final = ("digital_in", "tool_in", "config_in", "GP_bool_in", "modbus")
+DIGITAL_OUTPUTS: Final = ("digital_out", "tool_out", "config_out", "GP_bool_out", "modbus")
+ANALOG_INPUTS: Final = ("analog_in", "tool_analog_in", "GP_float_in")
+ANALOG_OUTPUTS: Final = ("analog_out", "GP_float_out")
+OUTPUTS: Final = (*DIGITAL_OUTPUTS, *ANALOG_OUTPUTS, "GP_int_out")
+
 
 class FieldError(ValueError):
     """A value is invalid for a field; the message says which values are valid."""
@@ -132,19 +144,6 @@ class Surroundings:
         return names + [
             name for name, (kind, _) in self.installation.pins.items() if kind == "modbus" and kind in kinds
         ]
-
-
-PIN_COUNTS: Final = {  # how many of each kind there are
-    **dict.fromkeys(("digital_in", "digital_out", "config_in", "config_out"), 8),
-    **dict.fromkeys(("tool_in", "tool_out", "analog_in", "analog_out", "tool_analog_in"), 2),
-    **dict.fromkeys(("GP_bool_in", "GP_bool_out"), 64),
-    **dict.fromkeys(("GP_int_in", "GP_int_out", "GP_float_in", "GP_float_out"), 24),
-}
-DIGITAL_INPUTS: Final = ("digital_in", "tool_in", "config_in", "GP_bool_in", "modbus")
-DIGITAL_OUTPUTS: Final = ("digital_out", "tool_out", "config_out", "GP_bool_out", "modbus")
-ANALOG_INPUTS: Final = ("analog_in", "tool_analog_in", "GP_float_in")
-ANALOG_OUTPUTS: Final = ("analog_out", "GP_float_out")
-OUTPUTS: Final = (*DIGITAL_OUTPUTS, *ANALOG_OUTPUTS, "GP_int_out")
 
 
 def _orders(element: Element) -> tuple[Sequence[str], Sequence[str]]:

@@ -30,6 +30,7 @@ _NIL: Final = "00000000-0000-0000-0000-000000000000"
 _FINAL: Final = "FINAL"
 _FRAME: Final = ("ur-modules", "ur-functions", "ur-before-start", "ur-configuration", "ur-status", "ur-code")
 _ROOT: Final = "ur-program"
+_SILENT: Final = ("ur-configuration", "ur-status")  # write no URScript
 
 
 class UrpxError(ValueError):
@@ -125,9 +126,6 @@ class Urpx:
     def outline(self) -> list[OutlineNode]:
         """The nodes as shown on the pendant, numbered as in the file's URScript."""
         return [OutlineNode(node.number, node.depth, node.label or node.type) for node in self.root.walk()]
-
-
-_SILENT: Final = ("ur-configuration", "ur-status")  # write no URScript
 
 
 class _Application(SavedScript):

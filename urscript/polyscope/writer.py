@@ -36,6 +36,19 @@ PINS: Final[dict[str, tuple[str, str]]] = {
     "GP_float_in": ("read_input_float_register({0})", ""),
     "GP_float_out": ("read_output_float_register({0})", "write_output_float_register({0}, {1})"),
 }
+# symbol in the editor -> operator of the language; the four that occur in files
+_SYMBOLS: Final = {"≟": " == ", "≠": " != ", "≤": " <= ", "≥": " >= "}
+_SYMBOL: Final = re.compile("|".join(_SYMBOLS))
+_STRING: Final = re.compile(r'("[^"]*")')
+_VARIABLES: Final = ("ProgramVariable", "InstallationVariable", "GeomFeatureVariable")
+_MAX_DEPTH: Final = 60  # as many blocks as a script may nest
+_LINES_PER_WORK: Final = 10  # measured: 0.1 microseconds for a line
+_MAX_SIZE: Final = 8 << 20  # bytes of script; the largest public one has 1.4 MB
+_PAYLOAD_WITH_INERTIA: Final = (5, 10)  # first version whose programs say set_target_payload
+BASE: Final = "Joint_0_name"  # PolyScope's names of the features every installation has
+TOOL: Final = "Joint_6_name"
+NO_POSE: Final = "p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
+SECTIONS: Final = ("preamble", "urcaps", "variables", "waypoints", "timers", "subprograms", "before", "threads", "main")
 
 
 def pin_name(pin: Element | None) -> str:
@@ -83,13 +96,6 @@ def pin_writing(writer: "Writer", pin: Element | None, value: str) -> str:
     return PINS[kind][1].format(number, value)
 
 
-# symbol in the editor -> operator of the language; the four that occur in files
-_SYMBOLS: Final = {"≟": " == ", "≠": " != ", "≤": " <= ", "≥": " >= "}
-_SYMBOL: Final = re.compile("|".join(_SYMBOLS))
-_STRING: Final = re.compile(r'("[^"]*")')
-_VARIABLES: Final = ("ProgramVariable", "InstallationVariable", "GeomFeatureVariable")
-
-
 def expression_text(writer: "Writer", element: Element | None) -> str:
     """URScript of an expression. Raises DocumentError for an unknown part."""
     if element is None:
@@ -130,16 +136,6 @@ def _part(writer: "Writer", part: Element) -> str:
     if part.tag == "ExpressionGeomFeature":
         return writer.feature(part.child("feature"), variable=True)
     raise DocumentError(f"an expression contains an unknown <{part.tag}>")
-
-
-_MAX_DEPTH: Final = 60  # as many blocks as a script may nest
-_LINES_PER_WORK: Final = 10  # measured: 0.1 microseconds for a line
-_MAX_SIZE: Final = 8 << 20  # bytes of script; the largest public one has 1.4 MB
-_PAYLOAD_WITH_INERTIA: Final = (5, 10)  # first version whose programs say set_target_payload
-BASE: Final = "Joint_0_name"  # PolyScope's names of the features every installation has
-TOOL: Final = "Joint_6_name"
-NO_POSE: Final = "p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
-SECTIONS: Final = ("preamble", "urcaps", "variables", "waypoints", "timers", "subprograms", "before", "threads", "main")
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,23 @@ _EMERGENCY_BITS: Final = (
     (SafetyStatusBits.SYSTEM_EMERGENCY_STOPPED, "Pressed (system)"),
     (SafetyStatusBits.EMERGENCY_STOPPED, "Pressed"),
 )
+_RECOVERY_TEXTS: Final = {
+    Action.UNLOCK: "Unlock protective stop",
+    Action.RESET_SAFEGUARD: "Reset safeguard",
+    Action.RESTART_SAFETY: "Restart safety",
+}
+_AXES: Final = ("CX", "CY", "CZ")
+_MM: Final = 1e3
+_HOT_C: Final = (60.0, 80.0)  # guess: warm, hot; joints switch off by themselves
+_LAMPS: Final[dict[str, Tone]] = {
+    "Running": "ready",
+    "Idle": "waiting",
+    "Booting": "waiting",
+    "Violation": "stopped",
+    "Fault": "stopped",
+}
+_UNKNOWN: Final = "–"
+_MAX_C: Final = 100.0
 
 
 def safety_panel(page: Page) -> None:
@@ -61,13 +78,6 @@ def _last_serious_error(station: Station) -> ErrorCodeMessage | None:
 
 
 # recovery
-
-
-_RECOVERY_TEXTS: Final = {
-    Action.UNLOCK: "Unlock protective stop",
-    Action.RESET_SAFEGUARD: "Reset safeguard",
-    Action.RESTART_SAFETY: "Restart safety",
-}
 
 
 def recovery_text(station: Station) -> str:
@@ -189,8 +199,6 @@ async def _toggle_remote_control(station: Station) -> None:
     station.remote_control.refresh()
 
 
-_AXES: Final = ("CX", "CY", "CZ")
-_MM: Final = 1e3
 Payload = tuple[float, float, float, float]  # kg, mm
 
 
@@ -253,16 +261,6 @@ async def set_payload(station: Station, mass_kg: float, cog_m: list[float]) -> N
         await station.run_statements(f"set_payload({mass_kg!r}, {cog_m!r})")
 
 
-_HOT_C: Final = (60.0, 80.0)  # guess: warm, hot; joints switch off by themselves
-_LAMPS: Final[dict[str, Tone]] = {
-    "Running": "ready",
-    "Idle": "waiting",
-    "Booting": "waiting",
-    "Violation": "stopped",
-    "Fault": "stopped",
-}
-_UNKNOWN: Final = "–"
-_MAX_C: Final = 100.0
 ReadText = Callable[[Station], str]
 
 

@@ -24,6 +24,8 @@ _DRIVE_MODES: Final = {
     int(ToolDigitalOutputMode.PUSH_PULL): "Push / pull",
 }
 _PARITIES: Final = {0: "no parity", 1: "odd parity", 2: "even parity"}
+SIMULATED = "simulated: touch to change"
+_DOMAINS: Final = {int(AnalogDomain.CURRENT): "mA", int(AnalogDomain.VOLTAGE): "V"}
 
 
 def build_tool(page: Page) -> None:
@@ -146,9 +148,6 @@ def _serial_line_text(station: Station) -> str:
     return f"{line.baud_rate} baud, {_PARITIES.get(line.parity, line.parity)}, {line.stop_bits} stop bits"
 
 
-SIMULATED = "simulated: touch to change"
-
-
 def build_digital(page: Page) -> None:
     """The digital signals of the control box."""
     with page.panel("Digital inputs", "wire-panel") as panel:
@@ -218,9 +217,6 @@ def _bits_reader(field: str, group: DigitalGroup) -> Callable[[Station], str]:
 
 def _level(station: Station, field: str, group: DigitalGroup, index: int) -> bool:
     return bool(station.values.get(field, 0) >> group.first + index & 1)
-
-
-_DOMAINS: Final = {int(AnalogDomain.CURRENT): "mA", int(AnalogDomain.VOLTAGE): "V"}
 
 
 def build_analog(page: Page) -> None:

@@ -16,6 +16,11 @@ _FORMATS: dict[str, Callable[[int], str]] = {
     "signed": lambda word: str(word - 0x10000 if word & 0x8000 else word),
     "hex": lambda word: f"{word:04X}",
 }
+CELLS: Final = 24  # visible integers and doubles per direction
+_BITS: Final = 64
+_RATE_HZ: Final = 10.0
+_LOWER: Final = "fieldbus"  # the half that RTDE clients share with a fieldbus
+_UPPER: Final = "clients"  # the half reserved for RTDE clients
 
 
 def build_modbus(page: Page, views: Views) -> None:
@@ -65,13 +70,6 @@ def to_word(value: float) -> int:
     if value != int(value) or not -0x8000 <= value <= 0xFFFF:
         raise ValueError(f"a Modbus register cannot hold {value:g}: it has whole numbers from -32768 to 65535")
     return int(value) & 0xFFFF
-
-
-CELLS: Final = 24  # visible integers and doubles per direction
-_BITS: Final = 64
-_RATE_HZ: Final = 10.0
-_LOWER: Final = "fieldbus"  # the half that RTDE clients share with a fieldbus
-_UPPER: Final = "clients"  # the half reserved for RTDE clients
 
 
 @dataclass(frozen=True, slots=True)

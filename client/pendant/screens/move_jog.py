@@ -26,6 +26,11 @@ MAX_LINE_SPEED: Final = 0.25  # m/s: URScript's default, and the limit of ISO 10
 _JOINT_ACCELERATION: Final = 1.4  # rad/s2, m/s2
 _LINE_ACCELERATION: Final = 1.2
 _IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+_AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
+_VIEW_AXES: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the axes of the feature View
+_NEAR_LIMIT_RAD: Final = 0.09  # rad from a limit: where a bar turns amber
+_MAX_SILENCE_S: Final = 3.0  # guess: longer than a browser under load is silent, shorter than a laptop sleeps
+_UNKNOWN: Final = "\N{EN DASH}"
 
 
 class MoveSettings:
@@ -100,13 +105,6 @@ class MoveSettings:
     def _stop_own_motion(self) -> None:
         if self._moving:
             self._stopping = asyncio.create_task(self.page.attempt(self.page.station.mover.stop))
-
-
-_AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
-_VIEW_AXES: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the axes of the feature View
-_NEAR_LIMIT_RAD: Final = 0.09  # rad from a limit: where a bar turns amber
-_MAX_SILENCE_S: Final = 3.0  # guess: longer than a browser under load is silent, shorter than a laptop sleeps
-_UNKNOWN: Final = "\N{EN DASH}"
 
 
 class JogPanels:

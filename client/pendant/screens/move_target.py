@@ -19,6 +19,8 @@ from urproto.robots import Joints, RobotModel
 from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
 
 _ICONS: Final = {"Home": "home", "Zero": "exposure_zero"}
+_MAX_RANGE_DEG: Final = 360.0  # of a slider for a joint without limits
+_POSITIONS: Final = ("X", "Y", "Z")
 
 
 def saved_poses(page: Page, settings: MoveSettings) -> None:
@@ -122,10 +124,6 @@ async def _request_name(title: str, text: str) -> str | None:
     dialog.on("hide", dialog.delete)
     answer: str | None = await dialog
     return answer
-
-
-_MAX_RANGE_DEG: Final = 360.0  # of a slider for a joint without limits
-_POSITIONS: Final = ("X", "Y", "Z")
 
 
 def joint_target(page: Page, settings: MoveSettings) -> None:

@@ -20,6 +20,7 @@ _TEXT_UNAVAILABLE: Final = (
 )
 _NO_PROGRAM: Final = "No program is loaded or running."
 _NOT_PLAYED_YET: Final = "The script of a program tree is available once the program has been played."
+_STATES = {RuntimeState.PLAYING: "good", RuntimeState.STOPPED: "", RuntimeState.PAUSED: "wait"}
 
 
 def build_program(page: Page, edit: Callable[[], object]) -> None:
@@ -179,9 +180,6 @@ def _loaded_text(station: Station) -> str:
     if not station.connected:
         return "–"
     return station.programs.loaded or "No program is loaded"
-
-
-_STATES = {RuntimeState.PLAYING: "good", RuntimeState.STOPPED: "", RuntimeState.PAUSED: "wait"}
 
 
 def _state_color(station: Station) -> str:

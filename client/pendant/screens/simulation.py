@@ -25,6 +25,7 @@ _DEVICES: Final[dict[str, tuple[str, str]]] = {
     "reduced_mode": ("Reduced mode", "asked for"),
 }
 _BUTTONS: Final = {"emergency_stop": "robot", "system_emergency_stop": "system"}
+_STEPS: Final = (1, 10, 125)
 
 
 def safety_tab(page: Page) -> None:
@@ -156,7 +157,6 @@ def _connection_row(page: Page, name: str, peers: Sequence[str]) -> None:
 
 
 _SLOWEST, _FASTEST = 0.1, 10.0
-_STEPS: Final = (1, 10, 125)
 
 
 def time_panel(page: Page) -> None:

@@ -9,6 +9,9 @@ from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.modes import AnalogDomain
 
+_MAX_VALUES: Final = {AnalogDomain.VOLTAGE: 10.0, AnalogDomain.CURRENT: 20.0}  # V, mA
+_MA: Final = 1e3
+
 
 class _Group(NamedTuple):
     name: str
@@ -37,8 +40,6 @@ _ANALOG: Final = (
     _Analog("Tool AI0", 0, True, "tool_analog_input0", "tool_analog_input_types"),
     _Analog("Tool AI1", 1, True, "tool_analog_input1", "tool_analog_input_types"),
 )
-_MAX_VALUES: Final = {AnalogDomain.VOLTAGE: 10.0, AnalogDomain.CURRENT: 20.0}  # V, mA
-_MA: Final = 1e3
 
 
 def inputs_tab(page: Page) -> None:

@@ -27,6 +27,8 @@ _TOLERANCE: Final = 1e-9
 EVERYTHING: Final = 0
 """Components of a scene: all of them, as in MoveIt."""
 
+_SHOULDER: Final = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)  # a point inside every upright arm
+
 
 @dataclass(frozen=True)
 class Part:
@@ -415,9 +417,6 @@ def _plane(coefficients: Sequence[float], pose: Pose, name: str) -> Pose:
     placed = pose_trans(pose, (*middle, *_turned(normal)))
     above = pose_trans(pose_inv(placed), _SHOULDER)[2] >= 0.0
     return placed if above else pose_trans(placed, (0.0, 0.0, 0.0, pi, 0.0, 0.0))
-
-
-_SHOULDER: Final = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)  # a point inside every upright arm
 
 
 def _turned(normal: Sequence[float]) -> tuple[float, float, float]:

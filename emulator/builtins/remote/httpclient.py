@@ -19,6 +19,10 @@ from urproto.text import from_bytes
 from urscript.meter import pay
 
 _CONNECT_S: Final = 300.0  # libcurl's default; what the controller sets is not known
+_CHUNK: Final = 1024  # bytes processed between two checks of the time budget
+_EVENT_COST: Final = 300  # meter units: h11 takes about 15 us for each piece of a reply
+_AGENT: Final = "ur-emulator"  # the controller's own is not known
+_OK: Final = 200
 
 
 class RemoteError(Exception):
@@ -66,12 +70,6 @@ def connect(host: ProgramHost, address: str, port: int) -> Frames[ScriptSocket]:
         host.sockets.drop(socket)
         raise
     return socket
-
-
-_CHUNK: Final = 1024  # bytes processed between two checks of the time budget
-_EVENT_COST: Final = 300  # meter units: h11 takes about 15 us for each piece of a reply
-_AGENT: Final = "ur-emulator"  # the controller's own is not known
-_OK: Final = 200
 
 
 class _NoAnswerError(RemoteError):

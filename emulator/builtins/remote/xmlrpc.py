@@ -48,6 +48,7 @@ _POSE_MEMBERS: Final = ("x", "y", "z", "rx", "ry", "rz")
 _NOT_XML: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 _PIECE_COST: Final = 20  # meter units: about a microsecond for a piece of XML or an element of a value
 _BYTE_COST: Final = 6  # meter units: the densest markup takes 0.3 us a byte
+_TITLES: Final = {"Binary": "base64 data", "DateTime": "a date", "Decimal": "a big decimal"}
 
 
 class BadReplyError(Exception):
@@ -214,9 +215,6 @@ def _plain(wire: Any) -> Value:
     raise BadReplyError(
         f"the result contains {_TITLES.get(type(wire).__name__, 'a value')}, for which URScript has no type"
     )
-
-
-_TITLES: Final = {"Binary": "base64 data", "DateTime": "a date", "Decimal": "a big decimal"}
 
 
 def _integer(value: int) -> int:

@@ -36,6 +36,19 @@ _NO_RETRACTION: Final = "NONE"
 _BLEND: Final = "BLEND"
 _RETREAT_SPEED: Final = "0.1"  # m/s
 _FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name, because other lines of programs call it
+_UNTILS: Final = {
+    "DISTANCE": "A distance",
+    "TOOL_CONTACT_DETECTION": "Tool contact",
+    "EXPRESSION": "An expression",
+    "IO": "A digital input",
+}
+_STOP: Final = {"decelerationAcceleration": "3.0", "decelerationAngularAcceleration": "34.90658503988659"}
+_ATTRIBUTES: Final = {
+    "DISTANCE": {"deceleration": "3.0", "distanceNodeType": "STOP"},
+    "TOOL_CONTACT_DETECTION": {"retraction": "0.0", **_STOP},
+    "EXPRESSION": _STOP,  # guess: no public file has one
+    "IO": {"ioType": "DIGITAL_INPUT", "digitalValue": "1", **_STOP},  # guess, as well
+}
 
 
 def _by_expression(element: Element) -> bool:
@@ -223,21 +236,6 @@ def _write_retraction(writer: Writer, stop: str, back: str) -> None:
             f"p[contact_axis[0] * {back}, contact_axis[1] * {back}, contact_axis[2] * {back}, 0, 0, 0])"
         )
     writer.line(f"movel(contact_pose, a={stop}, v={_RETREAT_SPEED})")
-
-
-_UNTILS: Final = {
-    "DISTANCE": "A distance",
-    "TOOL_CONTACT_DETECTION": "Tool contact",
-    "EXPRESSION": "An expression",
-    "IO": "A digital input",
-}
-_STOP: Final = {"decelerationAcceleration": "3.0", "decelerationAngularAcceleration": "34.90658503988659"}
-_ATTRIBUTES: Final = {
-    "DISTANCE": {"deceleration": "3.0", "distanceNodeType": "STOP"},
-    "TOOL_CONTACT_DETECTION": {"retraction": "0.0", **_STOP},
-    "EXPRESSION": _STOP,  # guess: no public file has one
-    "IO": {"ioType": "DIGITAL_INPUT", "digitalValue": "1", **_STOP},  # guess, as well
-}
 
 
 def _new_until(_: Surroundings) -> Element:

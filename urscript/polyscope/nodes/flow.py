@@ -22,6 +22,7 @@ from urscript.work import Steps
 
 _DEFAULT_CASE: Final = "2147483647"
 _CONTINUOUSLY: Final = attribute_boolean("continuously", "Check expression continuously", "checkContinuously")
+_LOOPS: Final = {"Forever": "Always", "Counting": "A number of times", "While": "While an expression is true"}
 
 
 def _lacks_expression(element: Element) -> str:
@@ -138,9 +139,6 @@ def _watched(writer: Writer, part: Element, rest: list[Element]) -> Steps[None]:
     if rest:
         with writer.block(f"if (thread_flag_{number} == 2):"):
             yield from _branches(writer, rest)
-
-
-_LOOPS: Final = {"Forever": "Always", "Counting": "A number of times", "While": "While an expression is true"}
 
 
 def _choose_loop(element: Element, value: str, program: Surroundings) -> None:

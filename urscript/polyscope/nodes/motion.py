@@ -12,6 +12,9 @@ DIRECTION: Final = "gui.program.direction.MoveDirectionNode"
 
 JOINTS: Final = "JointAngles"
 _NO_TCP: Final = ZERO6
+# defaults of a new Move, as in PolyScope: 60 degrees/s and 80 degrees/s2, or 250 mm/s and 1200 mm/s2
+JOINT_DEFAULTS: Final = {"speed": "1.0471975511965976", "acceleration": "1.3962634015954636"}
+TOOL_DEFAULTS: Final = {"speed": "0.25", "acceleration": "1.2"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +56,6 @@ def move_of(element: Element) -> Move:
     return Move(around, around.get("motionType"), around.get("optimoveEnabled") == "true")
 
 
-# defaults of a new Move, as in PolyScope: 60 degrees/s and 80 degrees/s2, or 250 mm/s and 1200 mm/s2
-JOINT_DEFAULTS: Final = {"speed": "1.0471975511965976", "acceleration": "1.3962634015954636"}
-TOOL_DEFAULTS: Final = {"speed": "0.25", "acceleration": "1.2"}
 _SPEED_LIMIT, _ACCELERATION_LIMIT = 360.0, 2292.0  # guess [degrees/s, degrees/s2]: what the largest joints can do
 _TOOL_SPEED_LIMIT, _TOOL_ACCELERATION_LIMIT = 5000.0, 150000.0  # guess [mm/s, mm/s2]
 

@@ -18,6 +18,8 @@ from urscript.polyscope.surroundings import Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, variable_name
 
 _FLAGS: Final = {"Message": "False, False", "Warning": "True, False", "Error": "False, True"}  # warning, error
+_SOURCES: Final = {"Expression": "An expression", "Operator": "The operator"}
+_ANSWERS: Final = {"Boolean": "Yes or no", "Integer": "A whole number", "Float": "A number", "String": "A text"}
 
 
 def variable_shown(element: Element | None) -> str:
@@ -87,10 +89,6 @@ def halt(writer: Writer, element: Element) -> None:
     """End the program."""
     writer.label(element, "Halt")
     writer.line("halt")
-
-
-_SOURCES: Final = {"Expression": "An expression", "Operator": "The operator"}
-_ANSWERS: Final = {"Boolean": "Yes or no", "Integer": "A whole number", "Float": "A number", "String": "A text"}
 
 
 def _of_operator(element: Element) -> bool:

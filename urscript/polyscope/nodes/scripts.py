@@ -14,6 +14,27 @@ from urscript.polyscope.tree import tag_of
 from urscript.polyscope.writer import Writer, expression_label, expression_text
 from urscript.work import Steps
 
+SUBPROGRAM: Final = Kind(
+    "subprogram",
+    "SubProgram",
+    "Advanced",
+    lambda element: element.get("name"),
+    new=lambda program: make(
+        "SubProgram",
+        empty_children(),
+        name=program.unused("SubProgram", program.names("SubProgram")),
+        keepHidden="false",
+        keepSynchronizedWithDisk="false",
+    ),
+    stands="program",
+    contains="nodes",
+    fields=(
+        node_name(what="subprogram"),
+        attribute_boolean("hidden", "Hide subprogram tree", "keepHidden"),
+        attribute_boolean("synchronized", "Keep in sync with the file", "keepSynchronizedWithDisk"),
+    ),
+)
+
 
 def _choose_type(element: Element, value: str, program: Surroundings) -> None:
     for child in list(element.resolved().children):
@@ -100,28 +121,6 @@ def _file_text(writer: Writer, element: Element, name: str) -> str:
     if copy is None:
         raise DocumentError(f"the script file {name} is not in the programs folder")
     return copy.text
-
-
-SUBPROGRAM: Final = Kind(
-    "subprogram",
-    "SubProgram",
-    "Advanced",
-    lambda element: element.get("name"),
-    new=lambda program: make(
-        "SubProgram",
-        empty_children(),
-        name=program.unused("SubProgram", program.names("SubProgram")),
-        keepHidden="false",
-        keepSynchronizedWithDisk="false",
-    ),
-    stands="program",
-    contains="nodes",
-    fields=(
-        node_name(what="subprogram"),
-        attribute_boolean("hidden", "Hide subprogram tree", "keepHidden"),
-        attribute_boolean("synchronized", "Keep in sync with the file", "keepSynchronizedWithDisk"),
-    ),
-)
 
 
 @node("SubProgram", SUBPROGRAM)

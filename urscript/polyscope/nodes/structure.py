@@ -12,6 +12,56 @@ from urscript.polyscope.surroundings import Surroundings
 from urscript.polyscope.writer import Writer, expression_text, variable_name
 from urscript.work import Steps
 
+VARIABLES_SETUP: Final = Kind(
+    "variables_setup",
+    "Variables Setup",
+    "Program",
+    lambda _: "Variables Setup",
+    new=lambda _: make("InitVariablesNode"),
+    stands="program",
+)
+BEFORE_START: Final = Kind(
+    "before_start",
+    "BeforeStart",
+    "Program",
+    lambda element: element.get("type"),
+    new=lambda _: make("SpecialSequence", empty_children(), type="BeforeStart"),
+    stands="program",
+    contains="nodes",
+    matches=lambda element: element.get("type") == "BeforeStart",
+)
+EVENT: Final = Kind(
+    "event",
+    "Event",
+    "Advanced",
+    lambda element: titled("Event", expression_shown(element.child("expression"))),
+    new=lambda _: make("Event", make("expression"), empty_children()),
+    stands="program",
+    contains="nodes",
+    undefined=lambda element: "its expression" if lacks_expression(element) else "",
+    fields=(expression_field("expression", "Expression"),),
+)
+FOLDER: Final = Kind(
+    "folder",
+    "Folder",
+    "Basic",
+    lambda element: element.get("name") or "Folder",
+    new=lambda _: make("Folder", empty_children(), name="Folder", keepHidden="false"),
+    contains="nodes",
+    fields=(
+        node_name(what="folder", free=True),
+        attribute_boolean("hidden", "Hide folder program tree", "keepHidden"),
+    ),
+)
+COMMENT: Final = Kind(
+    "comment",
+    "Comment",
+    "Basic",
+    lambda element: f"'{element.get('comment')}'" if element.get("comment") else "Comment",
+    new=lambda _: make("Comment"),
+    fields=(attribute_text("comment", "Comment", "comment", empty=False),),
+)
+
 
 def _loops_field(title: str) -> Field:
     """Whether the node restarts at its end; files store the opposite (``runOnlyOnce``)."""
@@ -45,16 +95,6 @@ def main_program(writer: Writer, element: Element) -> Steps[None]:
         yield from translate_children(writer, element)
 
 
-VARIABLES_SETUP: Final = Kind(
-    "variables_setup",
-    "Variables Setup",
-    "Program",
-    lambda _: "Variables Setup",
-    new=lambda _: make("InitVariablesNode"),
-    stands="program",
-)
-
-
 @node("InitVariablesNode", VARIABLES_SETUP)
 def init_variables(writer: Writer, element: Element) -> None:
     """Initial values of variables."""
@@ -63,18 +103,6 @@ def init_variables(writer: Writer, element: Element) -> None:
             text = expression_text(writer, variable.child("expression", "initializeExpression"))
             if text:
                 writer.line(f"global {variable_name(variable)}={text}")
-
-
-BEFORE_START: Final = Kind(
-    "before_start",
-    "BeforeStart",
-    "Program",
-    lambda element: element.get("type"),
-    new=lambda _: make("SpecialSequence", empty_children(), type="BeforeStart"),
-    stands="program",
-    contains="nodes",
-    matches=lambda element: element.get("type") == "BeforeStart",
-)
 
 
 @node("SpecialSequence", BEFORE_START, status="partial", note="BeforeStart, and the CircleMove of old files")
@@ -119,19 +147,6 @@ def thread(writer: Writer, element: Element) -> Steps[None]:
         writer.line(f"threadId_{name} = run {name}()")
 
 
-EVENT: Final = Kind(
-    "event",
-    "Event",
-    "Advanced",
-    lambda element: titled("Event", expression_shown(element.child("expression"))),
-    new=lambda _: make("Event", make("expression"), empty_children()),
-    stands="program",
-    contains="nodes",
-    undefined=lambda element: "its expression" if lacks_expression(element) else "",
-    fields=(expression_field("expression", "Expression"),),
-)
-
-
 @node("Event", EVENT, children="expression children")
 def event(writer: Writer, element: Element) -> Steps[None]:
     """Runs alongside the robot program whenever its expression is true; one thread runs the first that is due."""
@@ -153,20 +168,6 @@ def event(writer: Writer, element: Element) -> Steps[None]:
         writer.line("eventThread = run EventThread()")
 
 
-FOLDER: Final = Kind(
-    "folder",
-    "Folder",
-    "Basic",
-    lambda element: element.get("name") or "Folder",
-    new=lambda _: make("Folder", empty_children(), name="Folder", keepHidden="false"),
-    contains="nodes",
-    fields=(
-        node_name(what="folder", free=True),
-        attribute_boolean("hidden", "Hide folder program tree", "keepHidden"),
-    ),
-)
-
-
 @node("Folder", FOLDER)
 def folder(writer: Writer, element: Element) -> Steps[None]:
     """Groups nodes under a name."""
@@ -185,16 +186,6 @@ def suppressed(writer: Writer, element: Element) -> None:
 )
 def placeholder(writer: Writer, element: Element) -> None:
     """An empty line of the tree."""
-
-
-COMMENT: Final = Kind(
-    "comment",
-    "Comment",
-    "Basic",
-    lambda element: f"'{element.get('comment')}'" if element.get("comment") else "Comment",
-    new=lambda _: make("Comment"),
-    fields=(attribute_text("comment", "Comment", "comment", empty=False),),
-)
 
 
 @node("Comment", COMMENT)

@@ -13,6 +13,13 @@ from urscript.polyscope.tree import EXTERNAL_CONTROL, TreeError, is_external_con
 from urscript.polyscope.writer import Writer
 
 _UNNAMED: Final = "192.168.56.1"  # the URCap's name for a driver that has none
+OTHER_URCAP: Final = Kind(
+    "urcap",
+    "Another URCap's node",
+    "URCaps",
+    lambda element: element.get("strategyProgramNodeType"),
+    contains="nodes",
+)
 
 
 def new_external_control(_: object = None) -> Element:
@@ -40,13 +47,6 @@ EXTERNAL_CONTROL_KIND: Final = Kind(
     new=new_external_control,
     matches=is_external_control,
     shown_by=_shown,
-)
-OTHER_URCAP: Final = Kind(
-    "urcap",
-    "Another URCap's node",
-    "URCaps",
-    lambda element: element.get("strategyProgramNodeType"),
-    contains="nodes",
 )
 
 

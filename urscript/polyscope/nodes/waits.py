@@ -14,6 +14,14 @@ from urscript.polyscope.writer import Writer, expression_label, expression_text,
 
 _COMPARISONS: Final = {"0": "<", "1": ">"}  # description of program files of 5.15, FuNingHu/urp-generator-5
 _LEVELS: Final = {"1": "On", "0": "Off"}
+_SHORT: Final = re.compile(r"(digital|tool|analog|config)_(in|out)\[")
+_WAITS: Final = {
+    "NoWait": "No wait",
+    "Sleep": "A time",
+    "DigitalInput": "A digital input",
+    "AnalogInput": "An analog input",
+    "Condition": "An expression",
+}
 
 
 def level_field(key: str = "level", title: str = "Level", tag: str = "digitalValue", **more: Any) -> Field:
@@ -32,9 +40,6 @@ def level_field(key: str = "level", title: str = "Level", tag: str = "digitalVal
 def of_type(*types: str) -> Callable[[Element], bool]:
     """Whether a node's attribute ``type`` is one of these."""
     return lambda element: element.get("type") in types
-
-
-_SHORT: Final = re.compile(r"(digital|tool|analog|config)_(in|out)\[")
 
 
 def pin_shown(element: Element) -> str:
@@ -84,13 +89,6 @@ def _lacks(element: Element) -> str:
     return "what to wait for" if kind == "Undefined" else ""
 
 
-_WAITS: Final = {
-    "NoWait": "No wait",
-    "Sleep": "A time",
-    "DigitalInput": "A digital input",
-    "AnalogInput": "An analog input",
-    "Condition": "An expression",
-}
 WAIT: Final = Kind(
     "wait",
     "Wait",
