@@ -25,7 +25,7 @@ test: $(VENV)/.dev ## sets up what the tests need, and runs them
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m "$(MARKS)" $(ARGS)
 
-# Further models, keys and ways to be lost of tests that try some, and what takes long by its nature; CI runs them too.
+# Further models, keys and ways to be lost of tests that try some, and what takes long by its nature; every night in CI.
 long: $(VENV)/.dev ## further arms and long runs of the same
 	tests/system_packages.sh
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m long $(ARGS)
