@@ -12,7 +12,6 @@ from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, Final, TextIO, TypeAlias
 
 import typer
-from click import Context, HelpFormatter
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
@@ -30,7 +29,7 @@ AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON inst
 class Commands(TyperGroup):
     """A group of commands whose list shows the first sentence of each completely, on several lines if necessary."""
 
-    def format_commands(self, ctx: Context, formatter: HelpFormatter) -> None:
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the list of commands for ``--help``."""
         found = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         rows = [(name, one.get_short_help_str(_UNWRAPPED)) for name, one in found if one is not None and not one.hidden]

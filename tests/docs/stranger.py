@@ -1,0 +1,109 @@
+"""A reader who has nothing but a clone and what a page told him to install: no privileges, and an empty home folder.
+
+Packages that he was not told to install cannot be imported. They are hidden in the environment of the tests instead of
+installing another one for each page, which would take minutes.
+"""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib.metadata import distribution, distributions, packages_distributions
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from pages import ROOT
+
+__all__ = ["UNPRIVILEGED", "clone", "environment", "move_in", "told_to_install"]
+
+# What an ordinary user may do, under the name of the user who runs the tests: another one could not enter the folder of
+# a Python that belongs to root.
+UNPRIVILEGED = ("setpriv", "--bounding-set=-all", "--inh-caps=-all", "--ambient-caps=-all", "--")
+PROJECT = "ur-emulator"
+USUAL = (f"{PROJECT}[pendant]", "pip")  # make emulator
+SCRIPTS = Path(sys.executable).parent
+HIDE = """
+import importlib.metadata
+import sys
+from importlib.abc import MetaPathFinder
+
+class NotInstalled(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in MODULES:
+            raise ModuleNotFoundError(f"No module named {name!r}: the page does not say to install it", name=name)
+
+def distributions(**options):  # those with plugins of pytest, for example
+    return (found for found in every(**options) if found.metadata["Name"] not in NAMES)
+
+every, importlib.metadata.distributions = importlib.metadata.distributions, distributions
+sys.meta_path.insert(0, NotInstalled())
+"""
+
+
+def clone(folder: Path) -> None:
+    """A copy of what git tracks, as `git clone` makes it; where there is no git, of everything without a dot."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "build", "__pycache__", "*.egg-info"))
+        return
+    for name in listed.stdout.split("\0"):
+        if name and (ROOT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, folder / name)
+
+
+def told_to_install(page: Path) -> tuple[str, ...]:
+    """The requirements that a page names after `pip install`; those of `make emulator` if it installs no clone."""
+    named = list[str]()
+    for arguments in re.findall(r"pip install ([^\n`#]+)", page.read_text()):
+        named += [word.rstrip(".,;:") or "." for word in shlex.split(arguments) if not word.startswith("-")]
+    ours = [PROJECT + word.lstrip("./") for word in named if word.startswith(".") and word != ".[test]"]
+    return *(ours or USUAL), *(word for word in named if not word.startswith(".")), "pip"
+
+
+def installed(requirements: tuple[str, ...]) -> set[str]:
+    """Names of the distributions that pip installs for these."""
+    found = set[str]()
+    waiting = [(Requirement(text), frozenset[str]()) for text in requirements if text != f"{PROJECT}[...]"]
+    seen = set[tuple[str, frozenset[str]]]()
+    while waiting:
+        requirement, extras_of_parent = waiting.pop()
+        name, extras = canonicalize_name(requirement.name), frozenset(requirement.extras)
+        applies = any(
+            requirement.marker is None or requirement.marker.evaluate({"extra": extra})
+            for extra in extras_of_parent or {""}
+        )
+        if not applies or (name, extras) in seen:
+            continue
+        seen.add((name, extras))
+        found.add(name)
+        waiting += [(Requirement(text), extras | {""}) for text in distribution(name).requires or ()]
+    return found
+
+
+def hidden(requirements: tuple[str, ...]) -> str:
+    """Code that hides the packages that were not installed, and their modules, from the Python that starts with it."""
+    there = installed(requirements)
+    names = {name for found in distributions() if canonicalize_name(name := found.metadata["Name"]) not in there}
+    modules = {module for module, owners in packages_distributions().items() if names.issuperset(owners)}
+    return f"NAMES = {names!r}\nMODULES = {modules!r}\n{HIDE}"
+
+
+def move_in(home: Path, page: Path) -> Path:
+    """Give the reader of a page a clone in his home folder; the clone's folder."""
+    folder = home / PROJECT
+    clone(folder)
+    (home / "hidden").mkdir()
+    (home / "hidden" / "sitecustomize.py").write_text(hidden(told_to_install(page)))
+    return folder
+
+
+def environment(home: Path) -> dict[str, str]:
+    return {
+        "HOME": str(home),
+        "LANG": "C.UTF-8",
+        "PATH": f"{SCRIPTS}:/usr/local/bin:/usr/bin:/bin",
+        "PYTHONPATH": f"{home / 'hidden'}:{ROOT}",  # as an editable installation of another clone
+    }
