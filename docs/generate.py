@@ -250,7 +250,7 @@ def guesses() -> str:
         "What no document, capture or recording that we found tells: the beginning of each remark in the code that "
         "says so, by file. A source for any of them is "
         "[welcome](../../CONTRIBUTING.md#a-difference-from-a-real-robot). What is not in code is on "
-        "the pages: [URScript](urscript_rules.md), [Motion](../motion.md), [The arm](../arm.md).",
+        "the pages: [URScript](urscript_rules.md), [Motion](motion.md), [The arm](arm_model.md).",
     ]
     values = dict[tuple[str, str], list[str]]()
     for fact in (fact for rows in ledger().values() for fact in rows if fact.is_guess):
