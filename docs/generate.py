@@ -250,7 +250,8 @@ def guesses() -> str:
         "What no document, capture or recording that we found tells: the beginning of each remark in the code that "
         "says so, by file. A source for any of them is "
         "[welcome](../../CONTRIBUTING.md#a-difference-from-a-real-robot). What is not in code is on "
-        "the pages: [URScript](urscript_rules.md), [Motion](motion.md), [The arm](arm_model.md).",
+        "the pages: [URScript](urscript_rules.md), [Motion](motion.md), [The arm](arm_model.md). Those of `client` are "
+        "about its own time limits and sizes, not about a robot: `git grep -i guess client` lists them.",
     ]
     values = dict[tuple[str, str], list[str]]()
     for fact in (fact for rows in ledger().values() for fact in rows if fact.is_guess):
@@ -258,7 +259,7 @@ def guesses() -> str:
     rows = ((name, "; ".join(at), why) for (name, why), at in values.items())
     parts += ["## Ledger of facts", _table(("fact", "value", "why"), rows)]
     seen = set[str]()
-    for package in ("urproto", "urscript", "emulator", "client"):
+    for package in ("urproto", "urscript", "emulator"):
         listed = list[str]()
         for path in sorted((ROOT / package).rglob("*")):
             if FACTS in path.parents:
