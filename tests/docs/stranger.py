@@ -4,11 +4,13 @@ Packages that he was not told to install cannot be imported. They are hidden in 
 installing another one for each page, which would take minutes.
 """
 
+import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from functools import cache
 from importlib.metadata import distribution, distributions, packages_distributions
 from pathlib import Path
 
@@ -18,28 +20,32 @@ from pages import ROOT
 
 __all__ = ["UNPRIVILEGED", "clone", "environment", "move_in", "told_to_install"]
 
-# What an ordinary user may do, under the name of the user who runs the tests: another one could not enter the folder of
-# a Python that belongs to root.
-UNPRIVILEGED = ("setpriv", "--bounding-set=-all", "--inh-caps=-all", "--ambient-caps=-all", "--")
+# What an ordinary user may do on a machine that is prepared as `ur-client doctor` recommends, since the pages run in
+# real time next to other tests. The user is who runs the tests: another one could not enter the folder of a Python that
+# belongs to root.
+UNPRIVILEGED = (
+    *("prlimit", "--rtprio=99", "--memlock=unlimited"),
+    *("setpriv", "--bounding-set=-all", "--inh-caps=-all", "--ambient-caps=-all", "--"),
+)
 PROJECT = "ur-emulator"
 USUAL = (f"{PROJECT}[pendant]", "pip")  # make emulator
 SCRIPTS = Path(sys.executable).parent
 HIDE = """
-import importlib.metadata
 import sys
-from importlib.abc import MetaPathFinder
+from importlib.machinery import PathFinder
 
-class NotInstalled(MetaPathFinder):
-    def find_spec(self, name, path=None, target=None):
+class NotInstalled:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
         if name.partition(".")[0] in MODULES:
             raise ModuleNotFoundError(f"No module named {name!r}: the page does not say to install it", name=name)
 
-def distributions(**options):  # those with plugins of pytest, for example
-    return (found for found in every(**options) if found.metadata["Name"] not in NAMES)
+def find_distributions(*context):  # those with plugins of pytest, for example
+    return (found for found in every(*context) if found.metadata["Name"] not in NAMES)
 
-every, importlib.metadata.distributions = importlib.metadata.distributions, distributions
-sys.meta_path.insert(0, NotInstalled())
-"""
+every, PathFinder.find_distributions = PathFinder.find_distributions, find_distributions
+sys.meta_path.insert(0, NotInstalled)
+"""  # imports little, as each Python that a page starts runs it
 
 
 def clone(folder: Path) -> None:
@@ -83,18 +89,27 @@ def installed(requirements: tuple[str, ...]) -> set[str]:
     return found
 
 
+@cache
+def present() -> tuple[list[str], dict[str, set[str]]]:
+    """Names of all distributions here, and of those that each module belongs to."""
+    return [found.metadata["Name"] for found in distributions()], {
+        module: set(owners) for module, owners in packages_distributions().items()
+    }
+
+
 def hidden(requirements: tuple[str, ...]) -> str:
     """Code that hides the packages that were not installed, and their modules, from the Python that starts with it."""
     there = installed(requirements)
-    names = {name for found in distributions() if canonicalize_name(name := found.metadata["Name"]) not in there}
-    modules = {module for module, owners in packages_distributions().items() if names.issuperset(owners)}
+    everything, owners = present()
+    names = {name for name in everything if canonicalize_name(name) not in there}
+    modules = {module for module in owners if owners[module] <= names}
     return f"NAMES = {names!r}\nMODULES = {modules!r}\n{HIDE}"
 
 
-def move_in(home: Path, page: Path) -> Path:
-    """Give the reader of a page a clone in his home folder; the clone's folder."""
+def move_in(home: Path, page: Path, cloned: Path) -> Path:
+    """Give the reader of a page a copy of a clone in his home folder; the copy's folder."""
     folder = home / PROJECT
-    clone(folder)
+    shutil.copytree(cloned, folder, copy_function=os.link)
     (home / "hidden").mkdir()
     (home / "hidden" / "sitecustomize.py").write_text(hidden(told_to_install(page)))
     return folder

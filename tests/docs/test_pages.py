@@ -26,7 +26,7 @@ from urproto.compat import load_toml
 sys.path.insert(0, str(Path(__file__).parent))  # the helper next to this file; importlib mode does not add its folder
 
 from pages import LANGUAGES, PAGES, ROOT, Block, blocks, indented, robots
-from stranger import UNPRIVILEGED, environment, move_in
+from stranger import UNPRIVILEGED, clone, environment, move_in
 
 ELSEWHERE = {
     ROOT / "docs" / "thesis.md": {"sh", "shell", "python", "ros"},  # tests/driver/test_thesis_page.py
@@ -95,7 +95,11 @@ def test_installed_packages_and_extras_exist() -> None:
 @pytest.fixture
 def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
     """The command prefix that runs something in the page's network."""
-    if sys.platform != "linux" or os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "nsenter", "setpriv"))):
+    if (
+        sys.platform != "linux"
+        or os.geteuid() != 0
+        or not all(map(shutil.which, ("unshare", "nsenter", "prlimit", "setpriv")))
+    ):
         pytest.skip("separate networks need administrator rights on Linux (unshare, nsenter, setpriv)")
     hosts = [robot.host for robot in robots(request.param) if not robot.host.startswith("127.")]
     command = ["unshare", "--net", sys.executable, "-c", NAMESPACE, *hosts]
@@ -110,13 +114,20 @@ def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
             holder.kill()
 
 
+@pytest.fixture(scope="module")
+def cloned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cloned") / "clone"
+    clone(folder)
+    return folder
+
+
 @pytest.mark.page
 @pytest.mark.timeout(3 * DEADLINE_S)
 @pytest.mark.parametrize(
     ("network", "page"), [(page, page) for page in RUN], indirect=["network"], ids=[page.stem for page in RUN]
 )
-def test_the_blocks_of_a_page_run(network: list[str], page: Path, tmp_path: Path) -> None:
-    user = User([*network, *UNPRIVILEGED], tmp_path, move_in(tmp_path, page))
+def test_the_blocks_of_a_page_run(network: list[str], page: Path, tmp_path: Path, cloned: Path) -> None:
+    user = User([*network, *UNPRIVILEGED], tmp_path, move_in(tmp_path, page, cloned))
     with ExitStack() as reader:
         for robot in robots(page):
             start = f"ur-emulator --host {robot.host} --no-pendant {' '.join(robot.options)}"
