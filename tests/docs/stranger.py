@@ -20,13 +20,10 @@ from pages import ROOT
 
 __all__ = ["UNPRIVILEGED", "clone", "environment", "move_in", "told_to_install"]
 
-# What an ordinary user may do on a machine that is prepared as `ur-client doctor` recommends, since the pages run in
-# real time next to other tests. The user is who runs the tests: another one could not enter the folder of a Python that
-# belongs to root.
-UNPRIVILEGED = (
-    *("prlimit", "--rtprio=99", "--memlock=unlimited"),
-    *("setpriv", "--bounding-set=-all", "--inh-caps=-all", "--ambient-caps=-all", "--"),
-)
+# What an ordinary user may do on a machine that is prepared as `ur-client doctor` recommends: real-time priority and
+# locked memory, as the pages run in real time next to other tests. The user is who runs the tests: others could not
+# enter the folder of a Python that belongs to root.
+UNPRIVILEGED = ("setpriv", "--bounding-set=-all,+sys_nice,+ipc_lock", "--inh-caps=-all", "--ambient-caps=-all", "--")
 PROJECT = "ur-emulator"
 USUAL = (f"{PROJECT}[pendant]", "pip")  # make emulator
 SCRIPTS = Path(sys.executable).parent

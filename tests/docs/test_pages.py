@@ -95,11 +95,7 @@ def test_installed_packages_and_extras_exist() -> None:
 @pytest.fixture
 def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
     """The command prefix that runs something in the page's network."""
-    if (
-        sys.platform != "linux"
-        or os.geteuid() != 0
-        or not all(map(shutil.which, ("unshare", "nsenter", "prlimit", "setpriv")))
-    ):
+    if sys.platform != "linux" or os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "nsenter", "setpriv"))):
         pytest.skip("separate networks need administrator rights on Linux (unshare, nsenter, setpriv)")
     hosts = [robot.host for robot in robots(request.param) if not robot.host.startswith("127.")]
     command = ["unshare", "--net", sys.executable, "-c", NAMESPACE, *hosts]
