@@ -206,6 +206,8 @@ def controller_config(
     TypeError for a name that is neither an option nor a field.
     """
     chosen, dynamic = choose_arm(model, polyscope, arm)
+    if dynamic and find_spec("pinocchio") is None:
+        _logger.warning("without Pinocchio, a dynamic arm takes five times the time: %s", how_to_install("pinocchio"))
     version = choose_version(polyscope, chosen)
     if fields.get("self_collision"):
         require_coal("--self-collision")
