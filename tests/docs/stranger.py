@@ -27,6 +27,7 @@ UNPRIVILEGED = ("setpriv", "--bounding-set=-all,+sys_nice,+ipc_lock", "--inh-cap
 PROJECT = "ur-emulator"
 USUAL = (f"{PROJECT}[pendant]", "pip")  # make emulator
 SCRIPTS = Path(sys.executable).parent
+BUILT = Path.home() / ".cache" / "ur-client" / "ros2"  # message packages: building them takes minutes
 HIDE = """
 import sys
 from importlib.machinery import PathFinder
@@ -107,8 +108,8 @@ def move_in(home: Path, page: Path, cloned: Path) -> Path:
     """Give the reader of a page a copy of a clone in his home folder; the copy's folder."""
     folder = home / PROJECT
     shutil.copytree(cloned, folder, copy_function=os.link)
-    (home / "hidden").mkdir()
-    (home / "hidden" / "sitecustomize.py").write_text(hidden(told_to_install(page)))
+    (home / "packages").mkdir()
+    (home / "packages" / "sitecustomize.py").write_text(hidden(told_to_install(page)))
     return folder
 
 
@@ -116,6 +117,7 @@ def environment(home: Path) -> dict[str, str]:
     return {
         "HOME": str(home),
         "LANG": "C.UTF-8",
+        "UR_CLIENT_ROS2_CACHE": os.environ.get("UR_CLIENT_ROS2_CACHE", str(BUILT)),
         "PATH": f"{SCRIPTS}:/usr/local/bin:/usr/bin:/bin",
-        "PYTHONPATH": f"{home / 'hidden'}:{ROOT}",  # as an editable installation of another clone
+        "PYTHONPATH": f"{home / 'packages'}:{ROOT}",  # as an editable installation of another clone
     }

@@ -139,6 +139,17 @@ def test_the_blocks_of_a_page_run(network: list[str], page: Path, tmp_path: Path
                 user.do(block, [sys.executable, "-c", block.code])
 
 
+@pytest.mark.page
+def test_what_a_page_does_not_install_is_not_there(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("`pip install '.[record]'` is all you need.")
+    (tmp_path / "clone").mkdir()
+    move_in(tmp_path, page, tmp_path / "clone")
+    code = "import mcap, numpy, emulator; import pytest"
+    done = subprocess.run([sys.executable, "-c", code], env=environment(tmp_path), capture_output=True, text=True)
+    assert "No module named 'pytest': the page does not say to install it" in done.stderr
+
+
 class User:
     """A reader of a page. prefix: of his commands. folder: where he is."""
 
