@@ -29,20 +29,17 @@ USUAL = (f"{PROJECT}[pendant]", "pip")  # make emulator
 SCRIPTS = Path(sys.executable).parent
 BUILT = Path.home() / ".cache" / "ur-client" / "ros2"  # message packages: building them takes minutes
 HIDE = """
-import sys
 from importlib.machinery import PathFinder
 
-class NotInstalled:
-    @staticmethod
-    def find_spec(name, path=None, target=None):
-        if name.partition(".")[0] in MODULES:
-            raise ModuleNotFoundError(f"No module named {name!r}: the page does not say to install it", name=name)
+every_module, every_package = PathFinder.find_spec, PathFinder.find_distributions
+
+def find_spec(name, path=None, target=None):
+    return None if name.partition(".")[0] in MODULES else every_module(name, path, target)
 
 def find_distributions(*context):  # those with plugins of pytest, for example
-    return (found for found in every(*context) if found.metadata["Name"] not in NAMES)
+    return (found for found in every_package(*context) if found.metadata["Name"] not in NAMES)
 
-every, PathFinder.find_distributions = PathFinder.find_distributions, find_distributions
-sys.meta_path.insert(0, NotInstalled)
+PathFinder.find_spec, PathFinder.find_distributions = find_spec, find_distributions
 """  # imports little, as each Python that a page starts runs it
 
 
