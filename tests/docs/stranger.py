@@ -33,10 +33,12 @@ from importlib.machinery import PathFinder
 
 every_module, every_package = PathFinder.find_spec, PathFinder.find_distributions
 
-def find_spec(name, path=None, target=None):
+@classmethod
+def find_spec(cls, name, path=None, target=None):
     return None if name.partition(".")[0] in MODULES else every_module(name, path, target)
 
-def find_distributions(*context):  # those with plugins of pytest, for example
+@classmethod
+def find_distributions(cls, *context):  # those with plugins of pytest, for example
     return (found for found in every_package(*context) if found.metadata["Name"] not in NAMES)
 
 PathFinder.find_spec, PathFinder.find_distributions = find_spec, find_distributions
