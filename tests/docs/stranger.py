@@ -27,7 +27,7 @@ UNPRIVILEGED = ("setpriv", "--bounding-set=-all,+sys_nice,+ipc_lock", "--inh-cap
 PROJECT = "ur-emulator"
 USUAL = (f"{PROJECT}[pendant]", "pip")  # make emulator
 SCRIPTS = Path(sys.executable).parent
-BUILT = Path.home() / ".cache" / "ur-client" / "ros2"  # message packages: building them takes minutes
+CACHE = Path.home() / ".cache"
 HIDE = """
 from importlib.machinery import PathFinder
 
@@ -116,7 +116,9 @@ def environment(home: Path) -> dict[str, str]:
     return {
         "HOME": str(home),
         "LANG": "C.UTF-8",
-        "UR_CLIENT_ROS2_CACHE": os.environ.get("UR_CLIENT_ROS2_CACHE", str(BUILT)),
+        # what a machine has after the first time; it takes a minute: message packages, and a list of fonts
+        "UR_CLIENT_ROS2_CACHE": os.environ.get("UR_CLIENT_ROS2_CACHE", f"{CACHE}/ur-client/ros2"),
+        "MPLCONFIGDIR": f"{CACHE}/matplotlib",
         "PATH": f"{SCRIPTS}:/usr/local/bin:/usr/bin:/bin",
         "PYTHONPATH": f"{home / 'packages'}:{ROOT}",  # as an editable installation of another clone
     }
