@@ -112,10 +112,10 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV) || { echo "python3-venv is missing: install it (Debian: apt install python3-venv)" >&2; exit 2; }
 	$(BIN)/python -m pip install --quiet --upgrade pip
 
-# The first time takes a minute: pip shows what it fetches.
+# The first time takes one or two minutes: pip shows what it fetches.
 
 $(VENV)/.base: pyproject.toml | $(VENV)/bin/python
-	@echo "Setting up $(VENV): about 200 MB of packages, a minute or so, once."
+	@echo "Setting up $(VENV): about 200 MB, one or two minutes, once."
 	$(BIN)/python -m pip install --progress-bar on --editable '.[pendant]'
 	touch $@
 

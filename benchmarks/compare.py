@@ -1,6 +1,7 @@
 """Compares two pages of `make benchmarks`: which figures are not what they were.
 
-    git show HEAD:docs/benchmarks.md > before.md && make benchmarks && .venv/bin/python benchmarks/compare.py before.md
+    git show HEAD:docs/reference/benchmarks.md > before.md
+    make benchmarks && .venv/bin/python benchmarks/compare.py before.md
 
 Rows belong together by what they say up to the last cell that is a word, such as a model. Exit status 1 when a figure
 has become worse by more than the limit.
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-PAGE: Final = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
+PAGE: Final = Path(__file__).resolve().parents[1] / "docs" / "reference" / "benchmarks.md"
 _LIMIT: Final = 0.10
 _FIGURE: Final = re.compile(r"\+?(-?[\d,]*\.?\d+) ?(us|ms|s|MiB|B|%|Hz|mm)?")
 _SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0}

@@ -1,4 +1,4 @@
-"""Runs every benchmark and writes docs/benchmarks.md, table by table as they are measured. Takes half an hour.
+"""Runs every benchmark and writes docs/reference/benchmarks.md, table by table. Takes half an hour.
 
 ``run.py startup tick_rate`` measures the tables of these modules again and keeps the others of the page;
 ``--seconds 5`` shortens the measurements of the control period. A table that cannot be measured keeps its place in the
@@ -19,7 +19,7 @@ from typing import Final
 
 from table import Table
 
-TARGET = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
+TARGET = Path(__file__).resolve().parents[1] / "docs" / "reference" / "benchmarks.md"
 HEAD = """# Benchmarks
 
 Speed, memory use and punctuality of the emulator and the client library, each next to a bound or an alternative

@@ -43,6 +43,7 @@ urproto.errors.LocalProtocolError     the caller passed values that the protocol
 from pathlib import Path
 
 from urproto.errors import URError
+from urproto.extras import how_to_install
 from urproto.modes import SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
@@ -112,9 +113,7 @@ class MissingExtraError(RecordingError):
     """``what`` needs packages that are not installed; this project's ``extra`` installs them."""
 
     def __init__(self, what: str, extra: str) -> None:
-        super().__init__(
-            f"{what} needs packages that are not installed: in the folder of ur-emulator, pip install '.[{extra}]'"
-        )
+        super().__init__(f"{what} needs packages that are not installed: {how_to_install(extra)}")
         self.extra = extra
 
 

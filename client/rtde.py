@@ -67,7 +67,7 @@ def unknown_fields(names: Iterable[str]) -> str | None:
     for name in names:
         if name not in OUTPUT_FIELDS:
             close = get_close_matches(name, OUTPUT_FIELDS, _CLOSE_NAMES, 0.5)
-            hint = f"did you mean {', '.join(close)}?" if close else "docs/supported.md lists them"
+            hint = f"did you mean {', '.join(close)}?" if close else "docs/reference/supported.md lists them"
             return f"no RTDE output is called {name!r}: {hint}"
     return None
 

@@ -1,4 +1,4 @@
-"""The tables of docs/fidelity.md on angles: how real arms and the emulator's follow targets. See fidelity_table.py.
+"""The tables of docs/reference/fidelity.md on angles: how real arms and the emulator's follow targets.
 
 The dynamic arm is given the recorded targets, and is pushed as the recorded one was while it stood: by what its
 currents had beyond the target currents.

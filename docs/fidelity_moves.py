@@ -1,4 +1,4 @@
-"""The second table of docs/fidelity.md: movements of real arms beside the emulator's. See fidelity_table.py.
+"""The second table of docs/reference/fidelity.md: movements of real arms beside the emulator's. See fidelity_table.py.
 
 Moves are found between rests, and the emulator is given what the recording shows of each: where it begins and ends, its
 highest speed and its acceleration. What it does with them is then compared period by period.

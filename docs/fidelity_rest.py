@@ -1,4 +1,4 @@
-"""The third table of docs/fidelity.md: what real arms report at rest beside the emulator's dynamic arm."""
+"""The third table of docs/reference/fidelity.md: what real arms report at rest beside the emulator's dynamic arm."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The tables of docs/fidelity.md: ``python docs/fidelity_table.py FOLDER`` rewrites them.
+"""The tables of docs/reference/fidelity.md: ``python docs/fidelity_table.py FOLDER`` rewrites them.
 
 FOLDER holds clones of the public repositories named below. Nothing is downloaded, and what is not there, or cannot be
 compared, is listed with the reason.
@@ -29,7 +29,7 @@ from client.recording.recording import Recording
 from urproto.robots import kinematics_of, load_model
 from urproto.vectors import as_six
 
-PAGE: Final = Path(__file__).with_name("fidelity.md")
+PAGE: Final = Path(__file__).parent / "reference" / "fidelity.md"
 BEGIN: Final = "<!-- table: made by docs/fidelity_table.py -->\n"
 END: Final = "<!-- end of table -->\n"
 FIELDS: Final = ("target_moment", "target_current", "actual_current")

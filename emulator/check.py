@@ -260,6 +260,6 @@ def _overwritten() -> Iterator[tuple[str, str, str]]:
             yield (
                 package,
                 f"the distribution {other} also installs a package of this name: one has overwritten the other",
-                f"pip uninstall {other} and pip install --force-reinstall {_DISTRIBUTION}, or use "
+                f"pip uninstall {other} and install {_DISTRIBUTION} again with pip's --force-reinstall, or use "
                 "a virtual environment for each",
             )

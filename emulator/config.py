@@ -23,6 +23,7 @@ from emulator.world.file import read_world
 from emulator.world.world import Plan, WorldError
 from urproto import robots
 from urproto.dashboard import AVAILABLE as DASHBOARD_SERVER
+from urproto.extras import how_to_install
 from urproto.facts import Personality
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
@@ -206,6 +207,8 @@ def controller_config(
     TypeError for a name that is neither an option nor a field.
     """
     chosen, dynamic = choose_arm(model, polyscope, arm)
+    if dynamic and find_spec("pinocchio") is None:
+        _logger.warning("without Pinocchio, a dynamic arm takes five times the time: %s", how_to_install("pinocchio"))
     version = choose_version(polyscope, chosen)
     if fields.get("self_collision"):
         require_coal("--self-collision")
@@ -469,8 +472,8 @@ def require_coal(option: str) -> None:
     """Raises ConfigError if coal, the collision library that comes with Pinocchio, is not installed."""
     if find_spec("coal") is None:
         raise ConfigError(
-            f"{option} needs Pinocchio (pip install pin), which has no packages for native Windows: leave it out, or "
-            "run the emulator in WSL, in a container or on another machine"
+            f"{option} needs Pinocchio: {how_to_install('pinocchio')}; on native Windows, which has "
+            "no packages of it, use WSL, a container or another machine"
         )
 
 

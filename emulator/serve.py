@@ -31,6 +31,7 @@ from urproto.compat import Self, module_command
 from urproto.compat_asyncio import timeout
 from urproto.dashboard import COMMANDS
 from urproto.durable import write_file
+from urproto.extras import how_to_install
 from urproto.robotapi import AVAILABLE as ROBOT_API
 from urproto.robotapi import BASE, GET_PROGRAM_STATE, PUT_STATE
 
@@ -52,10 +53,7 @@ _ABOUT = {
 _ANY: Final = "0.0.0.0"
 _REMOTE_CONTROL: Final = COMMANDS["is in remote control"].available
 _SIMULATOR_ADDRESSES: Final = ("127.0.0.1", "localhost", "192.168.56.101")  # what ur_rtde takes for a simulator
-_MISSING: Final = (
-    "No teach pendant: its packages are not installed. Run pip install '.[pendant]' in the folder of ur-emulator, or "
-    "use --no-pendant to omit this line."
-)
+_MISSING: Final = "No teach pendant, as its packages are not installed; --no-pendant omits this line. To install them: "
 _FAILED: Final = "No teach pendant: its process failed; see the lines above. --pendant-port selects another port."
 _MANUAL_START: Final = "The robot keeps running. To start a pendant: ur-client pendant {options}"
 _GOODBYE_S: Final = 3.0  # guess: time limit for a clean exit
@@ -208,7 +206,7 @@ class Pendant:
     async def _keep(self) -> None:
         """Run the pendant and restart it when it ends, until it fails too often in succession."""
         if importlib.util.find_spec("nicegui") is None:
-            self._give_up(_MISSING)
+            self._give_up(_MISSING + how_to_install("pendant"))
             return
         now = asyncio.get_running_loop().time
         failures, served = 0, False

@@ -1,4 +1,4 @@
-"""Which part of a package may import which. `test_architecture` enforces it, docs/architecture.md shows it."""
+"""Which part of a package may import which. `test_architecture` enforces it, docs/reference/layers.md shows it."""
 
 from typing import NamedTuple
 

@@ -26,7 +26,7 @@ LIBRARY_GROUP = "urscript.libraries"
 
 _DISTRIBUTION = "ur-emulator"
 
-_ELSEWHERE = {"run": "run needs the emulator, which is not installed here: pip install ur-emulator"}
+_ELSEWHERE = {"run": "run needs the emulator, which is not installed here: install ur-emulator as its README says"}
 """Commands of other packages, and the error when the package is not installed."""
 
 

@@ -1,8 +1,8 @@
 """The operations of compiled programs on values. Every function raises RuntimeFault for operands of the wrong type.
 
-The rules (docs/urscript.md gives their sources): ``/`` is always real division, ``+ - *`` of ints give ints that wrap
-at 32 bits, ``%`` takes the sign of the dividend, floats follow IEEE 754, lists combine element by element, and poses
-do not combine.
+Rules, whose sources are in docs/reference/urscript_rules.md: ``/`` is always real division, ``+ - *`` of ints give ints
+that wrap at 32 bits, ``%`` takes the sign of the dividend, floats follow IEEE 754, lists combine element by element,
+and poses do not combine.
 """
 
 import math

@@ -28,7 +28,7 @@ async def _wait() -> None:
 
 
 class EmulatorControl:
-    """Verbs of an emulator's control API (docs/control_verbs.md).
+    """Verbs of an emulator's control API (docs/reference/control_verbs.md).
 
     available: the API answers, so this is not a real robot. port: 0 for none. token: the token that the emulator
     expects. locked: the emulator expects another token. time: the result of the verb of this name, empty before the

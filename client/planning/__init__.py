@@ -2,12 +2,10 @@
 
 from importlib.util import find_spec
 
-if find_spec("coal") is None:
-    raise ModuleNotFoundError(
-        "planning needs Pinocchio (pip install pin), which has no packages for native Windows: run it in WSL, in a "
-        "container or on another machine",
-        name="coal",
-    )
+from client.errors import MissingExtraError
+
+if find_spec("coal") is None:  # native Windows has none: WSL, a container or another machine has
+    raise MissingExtraError("planning (Pinocchio, OMPL)", "plan")
 
 from client.planning.collisions import CollisionChecker, PairDistance
 from client.planning.constraints import OrientationConstraint, PathConstraints, PositionConstraint

@@ -8,6 +8,7 @@ import numpy as np
 from client.errors import PlanningError
 from client.planning.collisions import CollisionChecker
 from client.planning.parameterisation import Array
+from urproto.extras import how_to_install
 from urproto.robots import Joints
 
 # Largest step of a tree: of 24 paths past a wall and a board, this missed 2 in 8 s; OMPL's own choice, 4 rad, missed 8.
@@ -48,7 +49,7 @@ def solve(
     try:
         from ompl import base, geometric, util
     except ImportError as error:
-        raise PlanningError("planning needs OMPL: run pip install '.[plan]' in the folder of ur-emulator") from error
+        raise PlanningError(f"planning needs OMPL: {how_to_install('plan')}") from error
     util.noOutputHandler()
     util.RNG.setSeed(seed + 1)
     space = base.RealVectorStateSpace(6)

@@ -31,6 +31,7 @@ from client.ros2.topics import PublishingContext
 from client.ros2.trajectory_until import TrajectoryUntilNode
 from client.ros2.transforms import Transforms
 from client.ros2.urscript_interface import URScriptNode
+from urproto.extras import how_to_install
 from urproto.ports import CAMERA_PORT
 
 _PREFIX: Final = re.compile(r"|[A-Za-z_][A-Za-z0-9_]*")
@@ -146,5 +147,5 @@ def can_plan() -> bool:
     """Whether the extra ``plan`` is installed; logs a warning if not."""
     if importlib.util.find_spec("ompl") is not None:
         return True
-    _logger.warning("no move_group, because OMPL is missing: in the folder of ur-emulator, pip install '.[plan]'")
+    _logger.warning("no move_group, because OMPL is missing: %s", how_to_install("plan"))
     return False

@@ -32,6 +32,7 @@ from typing import Final
 
 from client.errors import Ros2Error
 from client.ros2.message_builder import KINDS, BuildPlan, python_folder
+from urproto.extras import how_to_install
 
 Progress = Callable[[float, str], None]
 """Called with the progress, 0 to 1, and a description of the current step."""
@@ -57,7 +58,6 @@ _VERSIONS: Final = {
 PACKAGES: Final = tuple(_VERSIONS)
 DISTRIBUTIONS: Final = tuple(_VERSIONS["control_msgs"])
 
-_WHEELS: Final = "pip install 'ur-emulator[ros2]'"
 _MANIFEST: Final = "manifest.json"
 _POLL_S: Final = 0.2  # between checks whether another process has finished
 
@@ -151,7 +151,9 @@ def find_installation() -> Ros2Installation:
     """Find the ROS 2 installation. Raises Ros2Error if there is none, or if its distribution is not supported."""
     spec = importlib.util.find_spec("rclpy")
     if spec is None or spec.origin is None:
-        raise Ros2Error(f"ROS 2 was not found: source a workspace (source /opt/ros/jazzy/setup.bash), or {_WHEELS}")
+        raise Ros2Error(
+            f"ROS 2 was not found: source a workspace (source /opt/ros/jazzy/setup.bash), or {how_to_install('ros2')}"
+        )
     rclpy = Path(spec.origin)
     sourced = tuple(Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix)
     of_wheels = next((name for name in DISTRIBUTIONS if _installed(f"ros-{name}-rclpy")), "")

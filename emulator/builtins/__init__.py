@@ -1,4 +1,4 @@
-"""All functions a URScript program can call on this controller, one library per chapter of docs/supported.md."""
+"""All functions a URScript program can call on this controller: a library for each chapter of the list of built-ins."""
 
 from typing import Final
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from emulator.campaign.jobs import Finished, Lost
 from emulator.config import ConfigError
+from urproto.extras import how_to_install
 
 _TRIES: Final = 3  # guess: attempts at a job whose node or process died, before its runs are tried one by one
 _QUEUED: Final = 2  # jobs per core submitted to Ray, so that no core waits for its next job
@@ -28,7 +29,7 @@ class RayWorkers:
         try:
             import ray
         except ImportError as error:
-            raise ConfigError("--ray needs Ray: pip install 'ur-emulator[cluster]'") from error
+            raise ConfigError(f"--ray needs Ray: {how_to_install('cluster')}") from error
         self._ray: Any = ray
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # a cluster started here sends no usage statistics
         try:

@@ -22,6 +22,7 @@ from emulator.cli import errors_in_one_line
 from emulator.config import ConfigError
 from emulator.realtime import usable_cores
 from urproto.commandline import application
+from urproto.extras import how_to_install
 
 _FAILED: Final = 1
 _INTERRUPTED: Final = 130  # as in shells
@@ -55,7 +56,7 @@ def _campaign(
     """Run programs or tests many times in virtual time, with every combination of options."""
     with errors_in_one_line():
         if find_spec("pyarrow") is None:
-            raise ConfigError("campaigns need Parquet: pip install 'ur-emulator[campaign]'")
+            raise ConfigError(f"campaigns need Parquet: {how_to_install('campaign')}")
         if ray is not None and workers is not None:
             raise ConfigError("a Ray cluster uses one process per core: leave out --workers")
         plan = read_plan(file)

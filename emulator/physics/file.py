@@ -12,6 +12,7 @@ from emulator.physics.description import Barrier, Camera, Mounted, moving_of, re
 from emulator.physics.grippers import GripperShape, parallel_gripper, robotiq_gripper
 from emulator.physics.plan import STEP_S, Cup, MountedShape, PhysicsPlan, Plate
 from emulator.world.world import World, WorldError
+from urproto.extras import how_to_install
 from urproto.robots import RobotModel
 from urproto.text import quoted
 from urproto.worldfile import ObjectDescription, WorldFileError, read_description, read_world_file
@@ -69,7 +70,7 @@ def read_physics(path: Path, gripper: GripperModel | None = None) -> ScenePlan:
     Raises OSError, or WorldFileError that names the file and the place.
     """
     if find_spec("mujoco") is None:
-        raise WorldFileError(f"{path} is a world with physics, which needs MuJoCo: pip install 'ur-emulator[physics]'")
+        raise WorldFileError(f"{path} is a world with physics, which needs MuJoCo: {how_to_install('physics')}")
     try:
         plan = ScenePlan(path, scene=path) if path.suffix.lower() in SCENE_FILES else _read_world(path)
         if plan.scene is not None:

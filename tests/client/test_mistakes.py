@@ -4,8 +4,8 @@ import sys
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-import click
 import pytest
 from typer.main import get_command
 
@@ -76,7 +76,7 @@ def test_help_is_whole_and_without_markup(module: str) -> None:
         assert all(line.strip() == "..." or ", ..." in line for line in cut), f"{name}: {cut}"
 
 
-def helps(command: click.Command, name: str) -> Iterator[tuple[str, str]]:
+def helps(command: Any, name: str) -> Iterator[tuple[str, str]]:
     if isinstance(command, Deferred):
         command = command.load()
     yield name, command.get_help(command.make_context(name, [], resilient_parsing=True))

@@ -194,7 +194,9 @@ def test_watch_suggests_similar_names():
     result = CliRunner().invoke(app, ["watch", "actual_p"])
     assert result.exit_code == 2
     assert "actual_q" in result.stderr
-    assert unknown_fields(["actual_q", "zzz"]) == "no RTDE output is called 'zzz': docs/supported.md lists them"
+    assert unknown_fields(["actual_q", "zzz"]) == (
+        "no RTDE output is called 'zzz': docs/reference/supported.md lists them"
+    )
     assert unknown_fields(["actual_q", "timestamp"]) is None
 
 

@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = (
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "reference").glob("*.md")),
     ROOT / "examples" / "ci" / "README.md",
 )
 LANGUAGES = {"sh", "shell", "python", "yaml", "urscript", "text", "ros"}  # ros: run with ROS 2, by tests/ros2

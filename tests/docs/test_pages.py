@@ -1,7 +1,9 @@
 """Commands and programs in the documentation are run, in the order of each page and in the stated place.
 
-Each page has a separate network, in which the robots it requires are emulators at the addresses it names, and the usual
-ports are free. The network has no access to the outside, so blocks that fetch packages are not run.
+They are run as a stranger runs them (`stranger.py`): in a fresh clone, without privileges, with only those packages
+that the page says to install. Each page has a separate network, in which the robots it requires are emulators at the
+addresses it names, and the usual ports are free. The network has no access to the outside, so blocks that fetch
+packages are not run.
 """
 
 import os
@@ -24,13 +26,13 @@ from urproto.compat import load_toml
 sys.path.insert(0, str(Path(__file__).parent))  # the helper next to this file; importlib mode does not add its folder
 
 from pages import LANGUAGES, PAGES, ROOT, Block, blocks, indented, robots
+from stranger import UNPRIVILEGED, clone, environment, move_in
 
 ELSEWHERE = {
     ROOT / "docs" / "thesis.md": {"sh", "shell", "python", "ros"},  # tests/driver/test_thesis_page.py
     ROOT / "docs" / "client.md": {"python"},  # tests/real_clients/test_examples.py
 }
 DEADLINE_S = 120.0
-SCRIPTS = Path(sys.executable).parent
 NAMESPACE = """
 import fcntl, os, socket, struct, sys, time
 socket_ = socket.socket()
@@ -85,7 +87,7 @@ def test_installed_packages_and_extras_exist() -> None:
             found += 1
             for word in shlex.split(arguments):
                 assert not word.startswith("ur-emulator"), f"{page.name}: {word} is on no index"
-                if "[" in word:
+                if "[" in word and "[...]" not in word:
                     assert set(word.split("[")[1].rstrip("].,;:").split(",")) <= extras.keys(), (page.name, word)
     assert found > 5
 
@@ -93,8 +95,8 @@ def test_installed_packages_and_extras_exist() -> None:
 @pytest.fixture
 def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
     """The command prefix that runs something in the page's network."""
-    if sys.platform != "linux" or os.geteuid() != 0 or not (shutil.which("unshare") and shutil.which("nsenter")):
-        pytest.skip("separate networks need administrator rights on Linux (unshare, nsenter)")
+    if sys.platform != "linux" or os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "nsenter", "setpriv"))):
+        pytest.skip("separate networks need administrator rights on Linux (unshare, nsenter, setpriv)")
     hosts = [robot.host for robot in robots(request.param) if not robot.host.startswith("127.")]
     command = ["unshare", "--net", sys.executable, "-c", NAMESPACE, *hosts]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as holder:
@@ -108,69 +110,90 @@ def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
             holder.kill()
 
 
+@pytest.fixture(scope="module")
+def cloned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cloned") / "clone"
+    clone(folder)
+    return folder
+
+
 @pytest.mark.page
 @pytest.mark.timeout(3 * DEADLINE_S)
 @pytest.mark.parametrize(
     ("network", "page"), [(page, page) for page in RUN], indirect=["network"], ids=[page.stem for page in RUN]
 )
-def test_the_blocks_of_a_page_run(network: list[str], page: Path, tmp_path: Path) -> None:
-    for name in ("examples", "docker", "tests"):
-        (tmp_path / name).symlink_to(ROOT / name)
+def test_the_blocks_of_a_page_run(network: list[str], page: Path, tmp_path: Path, cloned: Path) -> None:
+    user = User([*network, *UNPRIVILEGED], tmp_path, move_in(tmp_path, page, cloned))
     with ExitStack() as reader:
         for robot in robots(page):
-            reader.enter_context(
-                Terminal(network, f"ur-emulator --host {robot.host} --no-pendant {' '.join(robot.options)}", tmp_path)
-            )
+            start = f"ur-emulator --host {robot.host} --no-pendant {' '.join(robot.options)}"
+            reader.enter_context(Terminal(user, start))
         for block in runs(page):
             if block.file:
-                (tmp_path / block.file).write_text(block.code)
+                user.write(block)
             elif block.stays:
-                reader.enter_context(Terminal(network, block.code, tmp_path))
+                reader.enter_context(Terminal(user, block.code))
             elif block.language in ("sh", "shell"):
-                do(block, [*network, "bash", "-euc", block.code], tmp_path)
+                user.do(block, ["bash", "-euc", f"trap 'pwd > {user.place}' EXIT\n{block.code}"])
             elif block.language == "python":
-                do(block, [*network, sys.executable, "-c", block.code], tmp_path)
+                user.do(block, [sys.executable, "-c", block.code])
 
 
-def environment() -> dict[str, str]:
-    return {
-        **{name: value for name, value in os.environ.items() if not name.startswith(("UR_", "PYTEST_"))},
-        "PATH": f"{SCRIPTS}:{os.environ['PATH']}",
-        "PYTHONPATH": str(ROOT),
-        "MPLBACKEND": "agg",
-    }
+@pytest.mark.page
+def test_what_a_page_does_not_install_is_not_there(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("`pip install '.[record]'` is all you need.")
+    (tmp_path / "clone").mkdir()
+    move_in(tmp_path, page, tmp_path / "clone")
+    code = "import mcap, numpy, emulator; import pytest"
+    done = subprocess.run([sys.executable, "-c", code], env=environment(tmp_path), capture_output=True, text=True)
+    assert "No module named 'pytest'" in done.stderr
 
 
-def do(block: Block, command: list[str], folder: Path) -> None:
-    with (folder / ".output").open("w+") as output:  # a file, so that background processes are not waited for
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env=environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            timeout=DEADLINE_S,
-            check=False,
-        )
-        output.seek(0)
-        assert done.returncode == 0, f"{block.place}\n{block.code}\n{output.read()}"
+class User:
+    """A reader of a page. prefix: of his commands. folder: where he is."""
+
+    def __init__(self, prefix: list[str], home: Path, folder: Path) -> None:
+        self.prefix = prefix
+        self.home = home
+        self.folder = folder
+        self.environment = environment(home)
+        self.place = home / ".place"  # where a block of shell commands ended, as the next one begins there
+
+    def write(self, block: Block) -> None:
+        (self.folder / block.file).write_text(block.code)
+
+    def do(self, block: Block, command: list[str]) -> None:
+        with (self.home / ".output").open("w+") as output:  # a file, so that background processes are not waited for
+            done = subprocess.run(
+                [*self.prefix, *command],
+                cwd=self.folder,
+                env=self.environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                timeout=DEADLINE_S,
+                check=False,
+            )
+            output.seek(0)
+            assert done.returncode == 0, f"{block.place}\n{block.code}\n{output.read()}"
+        if self.place.exists():
+            self.folder = Path(self.place.read_text().strip())
 
 
 class Terminal:
     """Another terminal, in which a command runs until the end of the page. Waits until an emulator is ready."""
 
-    def __init__(self, network: list[str], code: str, folder: Path) -> None:
-        self._command = [*network, "bash", "-euc", code]
+    def __init__(self, user: User, code: str) -> None:
+        self._user = user
         self._code = code
-        self._folder = folder
 
     def __enter__(self) -> "Terminal":
-        self._output = (self._folder / f".terminal{time.monotonic_ns()}").open("w+")
+        self._output = (self._user.home / f".terminal{time.monotonic_ns()}").open("w+")
         self._process = subprocess.Popen(
-            self._command,
-            cwd=self._folder,
-            env=environment(),
+            [*self._user.prefix, "bash", "-euc", self._code],
+            cwd=self._user.folder,
+            env=self._user.environment,
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,

@@ -1,6 +1,6 @@
 """One robot with a client on each of its ports, put into a state, and what it shows after an event.
 
-`tests/golden/interactions.tsv` says what is expected; docs/states.md shows that table.
+`tests/golden/interactions.tsv` says what is expected; docs/reference/states.md shows that table.
 """
 
 import struct

@@ -1,6 +1,6 @@
 """What one interface does to another: every state of a robot with every event, on both series, against a table.
 
-The table is `tests/golden/interactions.tsv`, with a source for each row; docs/states.md shows it.
+The table is `tests/golden/interactions.tsv`, with a source for each row; docs/reference/states.md shows it.
 """
 
 import csv

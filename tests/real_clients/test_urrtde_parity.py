@@ -1,4 +1,4 @@
-"""All functions of ur_rtde's interfaces are in docs/coming_from_ur_rtde.md, and all names there exist."""
+"""All functions of ur_rtde's interfaces are in docs/reference/ur_rtde_calls.md, and all names there exist."""
 
 import importlib
 import re
@@ -17,7 +17,7 @@ from rtde_control import RTDEControlInterface
 from client import Robot, RobotState
 from client.robot.state import MORE_OUTPUTS, OUTPUTS
 
-PAGE = Path(__file__).parents[2] / "docs" / "coming_from_ur_rtde.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "ur_rtde_calls.md"
 INTERFACES = {
     kind.__name__: kind
     for kind in (

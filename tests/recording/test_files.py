@@ -236,7 +236,7 @@ def test_time_continues_after_a_reboot_of_the_robot(states, tmp_path: Path) -> N
 def test_a_missing_package_is_a_one_line_error(states, tmp_path: Path, monkeypatch, name: str, module: str) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
-    with pytest.raises(MissingExtraError, match=r"in the folder of ur-emulator, pip install '\.\[record\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install .*\[record\]'"):
         Recorder(tmp_path / name, states[0])
     assert not (tmp_path / name).exists()
 

@@ -244,7 +244,7 @@ def in_ros(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
 
 
 needs_ros = pytest.mark.skipif(
-    not message_packages._importable("rclpy"), reason="ROS 2 is not installed: pip install 'ur-emulator[ros2]'"
+    not message_packages._importable("rclpy"), reason="ROS 2 is not installed: pip install '.[ros2]'"
 )
 
 ENSURE = "from client.ros2.message_packages import ensure; print(ensure().prefix)\n"

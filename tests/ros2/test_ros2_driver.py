@@ -52,7 +52,7 @@ def lacking(node: str, wanted: dict[str, Any], found: dict[str, dict[str, list[s
 
 
 async def test_nodes_topics_services_and_actions_are_those_of_the_official_driver(lab: Lab) -> None:
-    """Each of them, as the table in docs/ros2_interfaces.md has it: absent is what the table says, and nothing else."""
+    """Each of them, as docs/reference/ros2_interfaces.md has it: absent is what the table says, and nothing else."""
 
     def differences(graph: dict[str, Any]) -> list[str]:
         nodes = graph["nodes"]

@@ -136,7 +136,7 @@ class Fault(Exception):  # noqa: N818
 
 
 def evaluate(tree: Node) -> Any:
-    """The value of an expression by the rules of docs/urscript.md; numpy does the floating point."""
+    """The value of an expression by the rules of docs/reference/urscript_rules.md; numpy does the floating point."""
     match tree:
         case Constant(value=value):
             return value

@@ -1,4 +1,4 @@
-"""Expressions, values, scopes and control flow. Rules and their sources: docs/urscript.md."""
+"""Expressions, values, scopes and control flow. Rules and their sources: docs/reference/urscript_rules.md."""
 
 import math
 
