@@ -256,6 +256,11 @@ class Page:
         self.live.effect(lambda s: s.situation.permits(action), button.set_enabled)
         self.live.bind(button, "title", lambda s: s.situation.refusal(action) or hint)
 
+    def needs_robot(self, button: ui.button) -> ui.button:
+        """Disable a button while the robot does not answer, which the banner at the top says. Returns the button."""
+        self.live.effect(lambda s: s.connected, button.set_enabled)
+        return button
+
     def program_buttons(self, props: str, test_id_prefix: str) -> None:
         """Buttons to play, pause and stop the program."""
         for icon, name, action, callback in (

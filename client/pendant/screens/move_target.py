@@ -85,7 +85,9 @@ def _pose_row(page: Page, settings: MoveSettings, name: str, q_rad: Joints, *, i
         ui.label(name).classes("pose-title")
         if is_user_pose:
             _pose_menu(page, name)
-        button = ui.button("Go", icon="near_me", on_click=page.handler(move)).props("flat no-caps dense")
+        button = page.needs_robot(ui.button("Go", icon="near_me", on_click=page.handler(move))).props(
+            "flat no-caps dense"
+        )
         button.props["data-testid"] = f"go-{name}"
 
 
