@@ -53,7 +53,8 @@ def saved_poses(page: Page, settings: MoveSettings) -> None:
             station.poses.save(_model_name(station), box.value or "", q)
             box.set_value("")
 
-        ui.button("Save", icon="add", on_click=page.handler(save)).props("unelevated no-caps data-testid=pose-save")
+        save_button = page.needs_robot(ui.button("Save", icon="add", on_click=page.handler(save)))
+        save_button.props("unelevated no-caps data-testid=pose-save")
         box.on("keydown.enter", page.handler(save))
 
 
