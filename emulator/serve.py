@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from asyncio.subprocess import PIPE, Process
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -105,8 +105,8 @@ def _dashboard_line(emulator: Emulator) -> str:
     if "dashboard" not in emulator.ports:
         return _api_line(emulator)
     if config.ephemeral_ports:
-        return f"printf '{command}\\nquit\\n' | nc {_local_address(emulator)} {emulator.ports['dashboard']}"
-    options = "" if _local_address(emulator) == _LOOPBACK else f" --robot-ip {_local_address(emulator)}"
+        return f"printf '{command}\\nquit\\n' | nc {_local_address(emulator.config)} {emulator.ports['dashboard']}"
+    options = "" if _local_address(emulator.config) == _LOOPBACK else f" --robot-ip {_local_address(emulator.config)}"
     options += f" --port-offset {config.port_offset}" if config.port_offset else ""
     return f'{_client()} dashboard "{command}"{options}'
 
@@ -127,14 +127,13 @@ def _client() -> str:
     return "ur-client" if which("ur-client") else str(Path(sys.executable).with_name("ur-client"))
 
 
-def _local_address(emulator: Emulator) -> str:
+def _local_address(config: EmulatorConfig) -> str:
     """The emulator's address for clients on this machine."""
-    host = emulator.config.host
-    return _LOOPBACK if host == _ANY else host
+    return _LOOPBACK if config.host == _ANY else config.host
 
 
 def _first_steps(emulator: Emulator) -> Text:
-    host = _local_address(emulator)
+    host = _local_address(emulator.config)
     steps = f"  {_dashboard_line(emulator)}\n"
     if "rtde" not in emulator.ports:
         return Text(f"{steps}  ur_rtde needs RTDE, which this version does not have yet")
@@ -156,12 +155,25 @@ def _first_steps(emulator: Emulator) -> Text:
 
 
 class Pendant:
-    """The pendant of a running emulator while the context is entered. announce: called with a line for each change."""
+    """The pendant of a running emulator while the context is entered.
 
-    def __init__(self, emulator: Emulator, port: int, announce: Callable[[str], object]) -> None:
-        self._emulator = emulator
+    ports: of the emulator's servers, by name. port: of the pendant. announce: called with a line for each change. key:
+    what browsers have to show, "" for nothing.
+    """
+
+    def __init__(
+        self,
+        config: EmulatorConfig,
+        ports: Mapping[str, int],
+        port: int,
+        announce: Callable[[str], object],
+        key: str = "",
+    ) -> None:
+        self._config = config
+        self._ports = ports
         self._port = port
         self._announce = announce
+        self._key = key
         self._process: Process | None = None
         self._keeping: asyncio.Task[None] | None = None
         self._state = "starting"
@@ -169,7 +181,6 @@ class Pendant:
         self._problem = ""
 
     async def __aenter__(self) -> Self:
-        self._emulator.control.pendant_report = self.report
         self._keeping = asyncio.create_task(self._keep())
         return self
 
@@ -256,23 +267,23 @@ class Pendant:
 
         A pendant that other machines can reach gets no control API, which it would open to them.
         """
-        emulator, config = self._emulator, self._emulator.config
+        config, ports = self._config, self._ports
         local = is_loopback(config.host)
         options = {
-            "--robot-ip": _local_address(emulator),
+            "--robot-ip": _local_address(config),
             "--port-offset": config.port_offset,
             "--host": config.host,
             "--port": self._port,
-            "--modbus-port": emulator.ports["modbus"],
-            **({"--robot-api-port": emulator.ports["robot api"]} if "robot api" in emulator.ports else {}),
-            "--camera-port": emulator.ports.get("cameras", 0),
-            "--control-port": emulator.ports.get("control", 0) if local else 0,
+            "--modbus-port": ports["modbus"],
+            **({"--robot-api-port": ports["robot api"]} if "robot api" in ports else {}),
+            "--camera-port": ports.get("cameras", 0),
+            "--control-port": ports.get("control", 0) if local else 0,
         }
         return [str(word) for pair in options.items() for word in pair]
 
     def _environment(self) -> dict[str, str]:
-        token = self._emulator.config.control_token
-        return {**os.environ, "UR_EMULATOR_TOKEN": token} if token else dict(os.environ)
+        secrets = {"UR_EMULATOR_TOKEN": self._config.control_token, "UR_PENDANT_KEY": self._key}
+        return {**os.environ, **{name: secret for name, secret in secrets.items() if secret}}
 
 
 def _end(status: int) -> str:
@@ -311,7 +322,9 @@ async def serve(
         screen.print(ready_line(emulator, granted))
         if pendant_port is not None:
             # the robot runs already: it does not wait for the pendant
-            await running.enter_async_context(Pendant(emulator, pendant_port, screen.print))
+            pendant = Pendant(emulator.config, emulator.ports, pendant_port, screen.print)
+            emulator.control.pendant_report = pendant.report
+            await running.enter_async_context(pendant)
         if not exit_when_ready:
             await emulator.stopped.wait()
     screen.print("Stopped.")

@@ -43,7 +43,7 @@ THIRD_PARTY = {
     "msgspec": (
         "emulator.control",
         "emulator.faults",
-        "emulator.fleet.plan",
+        "emulator.fleet",
         "emulator.robotapi",
         "emulator.servers.http",
         "emulator.campaign",
@@ -121,6 +121,8 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.script_run",
     "emulator.serve",
     "emulator.readiness",
+    "emulator.fleet.class_robot",
+    "emulator.fleet.class_server",
     "emulator.fleet.worker",
     "emulator.campaign.work",
     "emulator.campaign.progress",

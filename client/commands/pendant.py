@@ -55,6 +55,9 @@ def pendant_command(
     control_token: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Token of an emulator's control API.")
     ] = "",
+    key: Annotated[
+        str, typer.Option(envvar="UR_PENDANT_KEY", help="Serve only browsers that were opened with /?key=KEY.")
+    ] = "",
 ) -> None:
     """Serve a teach pendant for a robot or an emulator, until Ctrl-C."""
     with extra("pendant", "the teach pendant"):
@@ -78,7 +81,7 @@ def pendant_command(
         robot_api_port,
         camera_port,
     )
-    serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"))
+    serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"), key)
 
 
 def _check_scene(path: Path) -> None:

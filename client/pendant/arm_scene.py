@@ -149,6 +149,7 @@ def arm_scene(page: Page) -> ArmScene:
     """A scene with the arm, which appears once its model is known."""
     camera = ui.scene.perspective_camera(fov=_FOV_DEG, near=0.02, far=60.0)
     scene = ArmScene(grid=(4, 40), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
+    ui.label("Loading the 3D view ...").classes("arm-loading").props("role=status")
     ui.run_javascript(f"pendant.addScene({scene.id})")
     arm = scene.arm = DrawnArm(scene, page.station.meshes, page.show_error)
     ghost = DrawnArm(scene, ghost=True)

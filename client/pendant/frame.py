@@ -1,6 +1,6 @@
 """The frame around the screens: the state of the robot at the top, program and speed at the bottom."""
 
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from nicegui import ui
 
@@ -8,6 +8,12 @@ from client.pendant.page import Page
 from client.pendant.popups import show_dialogues
 from client.pendant.screens import SCREENS, Screen
 from client.pendant.station import Station
+
+_REAL_HINT: Final = "In simulation, programs move the arm on the screens; the real arm stands still."
+_EMULATED_HINT: Final = (
+    "There is no real arm: the emulator plays its part. In simulation, programs move the arm on the screens and on all "
+    "ports, while the emulated arm stands still."
+)
 
 _Unbuilt: TypeAlias = dict[str, tuple[Screen, ui.tab_panel]]
 
@@ -22,6 +28,7 @@ def build(page: Page, initial_screen: str) -> None:
     panels.on_value_change(lambda change: _on_tab_change(page, unbuilt, change.value))
     _footer(page, tabs)
     show_dialogues(page)
+    page.live.effect(_tab_title, lambda title: _set_tab_title(page, title))
 
 
 def _header(page: Page, initial_screen: str) -> ui.tabs:
@@ -61,6 +68,16 @@ def _robot_title(station: Station) -> str:
     return f"{model.title if model else 'robot'} · PolyScope {station.version or '?'} · {station.robot_ip}"
 
 
+def _tab_title(station: Station) -> str:
+    """The title of the browser's tab, which may be one of many."""
+    return f"{station.model.title if station.model else 'Pendant'} · {station.robot_ip}"
+
+
+def _set_tab_title(page: Page, title: str) -> None:
+    with page.content:
+        ui.page_title(title)
+
+
 def _lost_banner(page: Page) -> None:
     with ui.element("div").classes("lost") as banner:
         ui.icon("link_off")
@@ -93,13 +110,18 @@ def _simulation_switch(page: Page) -> None:
     with ui.button(on_click=page.handler(page.switch_simulation), color=None).props(
         "dense no-caps unelevated"
     ) as switch:
-        page.live.text(lambda s: "Simulation" if s.simulating else "Real robot")
-    switch.classes("chip simulation-switch").props("data-testid=simulation-switch").tooltip(
-        "In simulation, programs move the arm on the screens; the real arm stands still."
-    )
+        page.live.text(_simulation_text)
+    switch.classes("chip simulation-switch").props("data-testid=simulation-switch")
+    page.live.bind(switch, "title", lambda s: _EMULATED_HINT if s.emulator.available else _REAL_HINT)
     page.live.effect(lambda s: s.simulating, lambda on: switch.props(f"aria-pressed={'true' if on else 'false'}"))
     page.live.effect(lambda s: s.can_simulate, switch.set_enabled)
     page.show_if(switch, lambda s: s.can_simulate or s.simulating)
+
+
+def _simulation_text(station: Station) -> str:
+    return (
+        "Simulation" if station.simulating else "Real robot (emulated)" if station.emulator.available else "Real robot"
+    )
 
 
 def _speed_slider(page: Page) -> None:

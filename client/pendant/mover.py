@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from client.calibration import geometry_of, model_of
 from client.driver.robot import MOVABLE
 from client.errors import (
+    ClientError,
     LateSetpointError,
     MotionError,
     MotionStoppedError,
@@ -35,6 +36,11 @@ _IDLE_S: Final = 10.0  # then the control program ends
 _STOP_TIMEOUT_S: Final = 0.5  # guess: a program that has ended is reported as running for no longer than this
 _JOGGING: Final = "Jogging"
 _FREEDRIVE: Final = "Freedrive"
+_OTHER_BROWSER: Final = "Another browser is jogging the arm: wait until it stops, or press Stop."
+
+
+class BusyError(ClientError):
+    """The arm is already moved from this pendant, perhaps by another browser; the text says how."""
 
 
 class Mover:
@@ -92,12 +98,13 @@ class Mover:
     def hold(self, velocity: Velocity, holder: object) -> None:
         """Move at this velocity until ``release``, or until this has not been called again for 0.4 s.
 
-        Raises RobotRefused while something else moves the arm.
+        Raises BusyError while something else moves the arm.
         """
         if self._failed_holder is holder:
             return
         if self.activity not in ("", _JOGGING) or self._holder not in (None, holder):
-            raise self._busy("jogging")
+            other = self._holder not in (None, holder)
+            raise BusyError(_OTHER_BROWSER) if other else self._busy()
         self._held, self._held_at, self._holder = velocity, asyncio.get_running_loop().time(), holder
         if self._jog is None:
             self.activity = _JOGGING
@@ -181,7 +188,7 @@ class Mover:
                 while not freedrive_end.is_set() and _is_controllable(robot):
                     await asyncio.sleep(1.0 / self.RATE_HZ)
 
-        self._require_idle(_FREEDRIVE)
+        self._require_idle()
         freedrive_end = self._freedrive_end = asyncio.Event()
         try:
             await self._run_motion(_FREEDRIVE, hold_freedrive)
@@ -202,7 +209,7 @@ class Mover:
             await self._robot.stop()
 
     async def _run_motion(self, activity: str, motion: Callable[[AsyncRobot], Awaitable[None]]) -> None:
-        self._require_idle(activity)
+        self._require_idle()
         stop_count, self.activity = self.stop_count, activity
         try:
             robot = await self._ready_robot()
@@ -217,12 +224,12 @@ class Mover:
             self.activity = ""
             self._schedule_release()
 
-    def _require_idle(self, activity: str) -> None:
+    def _require_idle(self) -> None:
         if self.activity:
-            raise self._busy(activity)
+            raise self._busy()
 
-    def _busy(self, activity: str) -> RobotRefused:
-        return RobotRefused(activity, f"another operation is in progress: {self.activity}", "stop that first")
+    def _busy(self) -> BusyError:
+        return BusyError(f"The arm is already moved from this pendant ({self.activity}): press Stop first.")
 
     # the control program
 
@@ -263,8 +270,8 @@ class Mover:
         self._release_task = asyncio.create_task(self._release_quietly())
 
     async def release_control(self) -> None:
-        """End the control program, so that another one can run. Raises RobotRefused while it moves the arm."""
-        self._require_idle("the program")
+        """End the control program, so that another one can run. Raises BusyError while it moves the arm."""
+        self._require_idle()
         await self._release_quietly()
 
     async def _release_quietly(self) -> None:

@@ -3,10 +3,10 @@
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from nicegui import background_tasks, ui
-from nicegui.elements.mixins.value_element import ValueElement
+from nicegui.elements.mixins.disableable_element import DisableableElement
 
 from client import dashboard
 from client.errors import ClientError
@@ -30,7 +30,7 @@ class NotAcceptedError(ClientError):
 
 def bind_choice(
     page: "Page",
-    element: ValueElement[Any],
+    element: ui.select | ui.toggle,
     read: Callable[[Station], Any],
     choose: Callable[[Any], Awaitable[Any]],
     label: str,
@@ -47,6 +47,7 @@ def bind_choice(
 
     element.on("update:model-value", apply)
     page.live.effect(read, element.set_value)
+    page.needs_robot(element)
 
 
 async def send_and_verify(
@@ -119,6 +120,7 @@ class Views:
             callback(self.visible_view)
 
 
+Control = TypeVar("Control", bound=DisableableElement)
 AsyncCallback = Callable[[], Awaitable[Any]]
 
 
@@ -255,6 +257,11 @@ class Page:
         button.on_click(self.handler(callback))
         self.live.effect(lambda s: s.situation.permits(action), button.set_enabled)
         self.live.bind(button, "title", lambda s: s.situation.refusal(action) or hint)
+
+    def needs_robot(self, element: Control) -> Control:
+        """Disable an element while the robot does not answer, which the banner at the top says. Returns the element."""
+        self.live.effect(lambda s: s.connected, element.set_enabled)
+        return element
 
     def program_buttons(self, props: str, test_id_prefix: str) -> None:
         """Buttons to play, pause and stop the program."""

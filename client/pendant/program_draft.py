@@ -142,7 +142,7 @@ class ProgramDraft:
     def files(self, stem: str) -> dict[str, bytes | None]:
         """The files to save under a name: program, script and tree; the script is None if the program cannot run."""
         editor = self.editor
-        editor.name = stem
+        editor.name_program(stem)
         try:
             script = to_bytes(editor.written().text())
         except TreeError:

@@ -20,7 +20,7 @@ from client.pendant.live import Live
 from client.pendant.page import Page
 from client.pendant.screens import SCREENS
 from client.pendant.station import Station
-from client.pendant.web_security import Gate, InvalidMessages, guard_events, shorten_library_logs
+from client.pendant.web_security import BROWSERS, Gate, InvalidMessages, guard_events, shorten_library_logs
 from urproto.backdoors import BackdoorMark
 
 _STATIC: Final = Path(__file__).with_name("static")
@@ -34,10 +34,10 @@ _CONNECTION_TIMEOUT_S: Final = 30.0  # guess: browsers open the web socket withi
 _NO_STORE: Final = {"cache-control": "no-store"}
 
 
-def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> None:
+def serve(station: Station, host: str, port: int, ready: Callable[[], None], key: str = "") -> None:
     """Serve one robot's pendant until the process is asked to end. ready: called when browsers can connect.
 
-    Raises PortTakenError.
+    key: what browsers have to show, "" for nothing. Raises PortTakenError.
     """
     os.environ.pop(
         "PYTEST_CURRENT_TEST", None
@@ -58,10 +58,18 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     invalid_messages = InvalidMessages()
     screens = [screen.name for screen in SCREENS]
     app.add_middleware(
-        Gate, screens=screens, full=lambda limit: len(Client.instances) >= limit, invalid_messages=invalid_messages
+        Gate,
+        screens=screens,
+        full=lambda limit: len(Client.instances) >= limit,
+        invalid_messages=invalid_messages,
+        key=key,
     )
     guard_events(invalid_messages)
     shorten_library_logs(invalid_messages)
+
+    @app.get(BROWSERS)
+    async def browsers() -> list[str | None]:
+        return [client.ip for client in Client.instances.values() if client.has_socket_connection]
 
     @ui.page("/")
     @ui.page("/{screen}")

@@ -16,13 +16,16 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 import socketio  # type: ignore[import-untyped]
-from fastapi.responses import PlainTextResponse
+from fastapi.responses import PlainTextResponse, RedirectResponse
 from nicegui import core
 
 from client.pendant.cameras import ROUTE
 from urproto.log_throttle import LogThrottle
 
-_FORBIDDEN: Final = 403
+BROWSERS: Final = "/browsers"
+"""Path of the list of the browsers that show the pendant: their addresses, as JSON."""
+
+_UNAUTHORIZED, _FORBIDDEN, _SEE_OTHER = 401, 403, 303
 _POLICY_VIOLATION: Final = 1008  # web socket status for what is not permitted
 _MAX_PAGES: Final = 200  # guess: one per browser; those that have not connected yet count, too
 _MAX_KINDS: Final = 32
@@ -90,15 +93,21 @@ class Gate:
 
     The Host of a request must be an address or a name of this machine, and its Origin, if it has one, the same. Only
     existing resources are served: pages by name, files, uploads of a page, web sockets. full: returns whether the limit
-    of open pages is reached.
+    of open pages is reached. key: a cookie must contain it, which browsers get from the address /?key=...; "" for none.
     """
 
     def __init__(
-        self, inner: Any, screens: Collection[str], full: Callable[[int], bool], invalid_messages: InvalidMessages
+        self,
+        inner: Any,
+        screens: Collection[str],
+        full: Callable[[int], bool],
+        invalid_messages: InvalidMessages,
+        key: str = "",
     ) -> None:
         self._inner = inner
         self._pages = {"/", *(f"/{screen}" for screen in screens)}
         self._full = full
+        self._key = key
         self._invalid_messages = invalid_messages
         self._names = {"localhost", socket.gethostname().lower(), socket.getfqdn().lower()}
 
@@ -113,25 +122,47 @@ class Gate:
             await PlainTextResponse(f"{reason}\n", status)(scope, receive, _with_headers(send, ""))
         elif scope["type"] == "websocket":
             await self._socket(scope, receive, send)
+        elif self._key and scope["query_string"] == self._query_with_key:
+            await self._admission(scope)(scope, receive, _with_headers(send, ""))
         else:
             await self._request(scope, receive, send)
 
     def _refusal(self, scope: Any) -> tuple[int, str]:
         """Status and reason of a refusal; status 0 if the request is accepted."""
-        path, method = scope["path"], scope.get("method", "")
-        if not self._allowed(dict(scope["headers"])):
+        path, method, headers = scope["path"], scope.get("method", ""), dict(scope["headers"])
+        if not self._allowed(headers):
             return _FORBIDDEN, "This pendant only answers requests to its machine's addresses and name."
+        if not self._has_key(scope, headers):
+            return _UNAUTHORIZED, "This pendant is for the browsers of a class: open it with the link of its robot."
         if scope["type"] == "websocket":
             return (0, "") if path.startswith(("/live/", "/_nicegui_ws/")) else (404, "There is no such web socket.")
         if method == "POST" and path.startswith("/_nicegui/client/"):
             return 0, ""
-        if path not in self._pages and not path.startswith(_FILES) and path != "/favicon.ico":
+        if path not in self._pages and not path.startswith(_FILES) and path not in ("/favicon.ico", BROWSERS):
             return 404, "There is no such page. The pendant is at /"
         if method not in ("GET", "HEAD"):
             return 405, "This address is read-only."
         if path in self._pages and self._full(_MAX_PAGES):
             return 503, f"{_MAX_PAGES} browsers show this pendant already. Close one, and try again in a minute."
         return 0, ""
+
+    @property
+    def _query_with_key(self) -> bytes:
+        return f"key={self._key}".encode()
+
+    def _cookie(self, scope: Any) -> str:
+        """The cookie with the key; browsers send cookies to all ports of an address, so its name has the port."""
+        return f"pendant_{scope['server'][1]}={self._key}"
+
+    def _has_key(self, scope: Any, headers: dict[bytes, bytes]) -> bool:
+        cookies = headers.get(b"cookie", b"").decode("latin-1").split("; ")
+        shown = any(secrets.compare_digest(cookie.encode(), self._cookie(scope).encode()) for cookie in cookies)
+        return not self._key or shown or secrets.compare_digest(scope["query_string"], self._query_with_key)
+
+    def _admission(self, scope: Any) -> RedirectResponse:
+        """The answer to the address with the key: a cookie, and the same page without the key in its address."""
+        cookie = f"{self._cookie(scope)}; HttpOnly; SameSite=Lax; Path=/"
+        return RedirectResponse(scope["path"], _SEE_OTHER, {"set-cookie": cookie})
 
     async def _request(self, scope: Any, receive: Any, send: Any) -> None:
         started = False

@@ -8,7 +8,6 @@ request needs the JSON content type, for which browsers first ask for permission
 import asyncio
 import hmac
 import logging
-import time
 from collections.abc import Callable, Collection, Mapping
 from functools import cache
 from importlib.metadata import version as distribution_version
@@ -30,6 +29,7 @@ from emulator.servers.http import (
     NOT_FOUND,
     OK,
     UNAUTHORIZED,
+    Guesses,
     HttpConnection,
     HttpError,
     Request,
@@ -49,7 +49,6 @@ _CALLS: Final = "/verbs/"
 _OPEN: Final = ("/", "/health")  # without a token
 _METRICS: Final = "/metrics"
 _WELCOME: Final = {"name": "ur-emulator control API", "documentation": "/openapi.json", "verbs": "/verbs"}
-_GUESS_S: Final = 1.0  # between the answers to two wrong tokens (guess)
 
 
 @cache
@@ -84,7 +83,7 @@ class ControlServer(PortServer):
         self.control = control
         self.metrics = metrics
         self.token = token
-        self._next_guess_s = 0.0
+        self.guesses = Guesses()
         self.unfinished: dict[_ControlConnection, None] = {}  # connections whose verb is not finished, in order
         self._mark: BackdoorMark | None = None
 
@@ -101,12 +100,6 @@ class ControlServer(PortServer):
         if self._mark is not None:
             self._mark.close()
             self._mark = None
-
-    def delay_of_guess(self) -> float:
-        """Time until a wrong token is answered [s]: one after the other, whoever sends them."""
-        now_s = time.monotonic()
-        self._next_guess_s = max(now_s, self._next_guess_s) + _GUESS_S
-        return self._next_guess_s - now_s
 
     def publish(self, snapshot: Snapshot) -> None:
         """Resume the verbs that are not finished."""
@@ -173,7 +166,7 @@ class _ControlConnection(HttpConnection):
         )
         if not given:
             raise refusal
-        delay_s = self.server.delay_of_guess()
+        delay_s = self.server.guesses.delay_s()
         self.server.turned_away.count(Reason.WRONG_TOKEN, self.peer, "sent a wrong token, which is answered later")
         later = asyncio.get_running_loop().call_later
         self._refusing = later(delay_s, lambda: self.reply(self.refuse(refusal)))

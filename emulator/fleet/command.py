@@ -2,6 +2,7 @@
 
 import signal
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -15,6 +16,7 @@ from emulator.cli import (
     with_robot_options,
 )
 from emulator.config import ConfigError, EmulatorConfig
+from emulator.fleet.class_server import ClassPage, check_class, class_passwords
 from emulator.fleet.plan import FIRST_HOST, MAX_ROBOTS, FleetFile, place
 from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
 from emulator.logs import LogLevel, log_to_stderr
@@ -22,6 +24,7 @@ from emulator.ports import PORTS
 from emulator.realtime import usable_cores
 from emulator.serve import write_ports
 from urproto.commandline import application, console
+from urproto.ports import LAST_PORT
 
 _LOST: Final = 1
 _DEFAULT_COUNT: Final = 4
@@ -54,15 +57,32 @@ def _fleet(
         typer.Option(help="How much to log; debug explains each transition, stop, refusal and fault, with robot time."),
     ] = LogLevel.WARNING,
     exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Exit once every port answers.")] = False,
+    class_port: Annotated[
+        int | None,
+        typer.Option(min=1, max=LAST_PORT, help="Serve a page of all robots, for a class, at this port."),
+    ] = None,
+    teacher_password: Annotated[
+        str, typer.Option(envvar="UR_TEACHER_PASSWORD", help="Password of the teacher (default: a new one).")
+    ] = "",
+    student_password: Annotated[
+        str, typer.Option(envvar="UR_STUDENT_PASSWORD", help="Password of the students (default: a new one).")
+    ] = "",
 ) -> None:
     """Run many robots on this machine, each on its own address."""
     log_to_stderr(log_level)
     with errors_in_one_line():
         configs = place(_robots(robot, fleet, count), configure, first_host)
+        passwords = class_passwords(teacher_password, student_password)
+        if class_port is not None:
+            check_class(configs)
         shown = _Screen(configs, ports_file)
-        with Supervisor(configs, processes or usable_cores(), restart=restart) as supervisor:
+        with ExitStack() as running:
+            supervisor = running.enter_context(Supervisor(configs, processes or usable_cores(), restart=restart))
             _stop_on_signals(supervisor)
             for event in supervisor.watch():
+                if class_port is not None and isinstance(event, AllReady):
+                    running.enter_context(ClassPage(configs, supervisor.ports, class_port, passwords))
+                    shown.show_class(f"http://{configs[0].host}:{class_port}", passwords)
                 shown.show(event, supervisor)
                 if exit_when_ready and isinstance(event, AllReady):
                     break
@@ -115,6 +135,12 @@ class _Screen:
                 if not self._lost:
                     raise ConfigError(f"not ready: {self._hosts(robots)}: {reason}")
                 self._console.print(f"Cannot restart {self._hosts(robots)}: {reason}.", style="bold red")
+
+    def show_class(self, address: str, passwords: Mapping[str, str]) -> None:
+        """Print the address and the passwords of the class page."""
+        self._console.print(f"Class page: {address}, with a link for each student.")
+        for role, password in passwords.items():
+            self._console.print(f"  password for the {role}: {password}", markup=False, highlight=False)
 
     def finish(self) -> None:
         """Print the last line. Raises typer.Exit if robots were lost."""

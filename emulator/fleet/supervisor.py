@@ -113,7 +113,7 @@ class Supervisor:
         for group in self._groups:
             group.link.close()
         for group in self._groups:
-            _join_or_kill(group.process)
+            join_or_kill(group.process)
         os.close(self._stop_read)
         os.close(self._stop_write)
 
@@ -217,7 +217,7 @@ def _describe_exit(status: int | None) -> str:
     return f"ended with status {status}"
 
 
-def _join_or_kill(process: BaseProcess) -> None:
+def join_or_kill(process: BaseProcess) -> None:
     """Wait for a process whose link is closed; kill it after a time limit."""
     process.join(_LEAVE_S)
     if process.exitcode is None:

@@ -47,6 +47,7 @@ _DATE: Final = "%a, %d %b %Y %H:%M:%S GMT"
 _ABSOLUTE: Final = ("http://", "https://")
 _MAX_CHUNKS: Final = 4096  # of a body (guess): clients send some kB in each
 _MAX_AHEAD: Final = 64 * 1024  # bytes of further requests that are read while one is being answered (guess)
+_GUESS_S: Final = 1.0  # between the answers to two wrong secrets (guess)
 _EVENTS_AT_ONCE: Final = 32  # parts of a request that are read between two looks at the read budget (guess)
 
 _logger = logging.getLogger(__name__)
@@ -292,6 +293,19 @@ def as_json(content: Any) -> bytes:
         return msgspec.json.encode(content)
     except UnicodeEncodeError:  # lone surrogates are rare, so the content is only searched for them after a failure
         return msgspec.json.encode(readable_in(content))
+
+
+class Guesses:
+    """Delays the answers to wrong passwords and tokens, so that nobody can try many."""
+
+    def __init__(self) -> None:
+        self._next_s = 0.0
+
+    def delay_s(self) -> float:
+        """Time until a wrong secret is answered [s]: one after the other, whoever sends them."""
+        now_s = time.monotonic()
+        self._next_s = max(now_s, self._next_s) + _GUESS_S
+        return self._next_s - now_s
 
 
 def check_host(request: Request, *, also: Callable[[str], bool] = lambda _: False) -> None:

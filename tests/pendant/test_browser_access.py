@@ -17,7 +17,7 @@ from tests.pendant.conftest import SLOW_FRAMES, VIEWPORT, Rig, eventually
 
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text("utf-8")
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
-SIZES = {"landscape tablet": (1024, 768), "portrait tablet": (800, 1280), "phone": (390, 844)}
+SIZES = {"laptop": (1366, 768), "landscape tablet": (1024, 768), "portrait tablet": (800, 1280), "phone": (390, 844)}
 VIOLATIONS = """async ([where, rules]) => {
   const found = await axe.run(where, { runOnly: { type: 'tag', values: rules }, resultTypes: ['violations'] });
   return found.violations.flatMap(({ id, nodes }) => nodes.map(({ html, any, all, none }) =>
@@ -39,10 +39,14 @@ CUT_OFF = """() => {
     if (part.closest('.frame') && (top < -1 || bottom > innerHeight + 1)) cut.push(`${what}: above or below`);
     const hides = /hidden|clip/.test(getComputedStyle(part).overflowX + getComputedStyle(part).overflowY);
     const full = part.scrollWidth > part.clientWidth + 1 || part.scrollHeight > part.clientHeight + 1;
+    if (part.type === 'number' && part.scrollWidth > part.clientWidth + 1) cut.push(`${what}: ${part.value} is cut`);
     if (part.textContent.trim() && full && (hides || part.matches('button'))) cut.push(`${what}: does not fit`);
   }
+  for (const form of document.querySelectorAll('.target-grid'))
+    if (form.scrollHeight > form.clientHeight + 1) cut.push(`${form.textContent}: the last rows are cut`);
   return cut;
 }"""
+POPUP = 'def tell():\n  popup("Parts are out", "Feeder", warning=True, blocking=True)\nend\n'
 OUTLINE = """() => {
   const { tagName } = document.activeElement;
   const style = getComputedStyle(document.activeElement);
@@ -53,11 +57,9 @@ OUTLINE = """() => {
 
 
 @pytest.fixture(scope="module", params=["cb3", pytest.param("e-series", marks=pytest.mark.long)])
-def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any) -> Iterator[Page]:
-    """The pendant of one robot, in the light theme for CB3 and in the dark theme for e-Series."""
-    e_series = request.param == "e-series"
+def robot(request: pytest.FixtureRequest, tmp_path_factory: Any) -> Iterator[Rig]:
     with ExitStack() as opened:
-        if e_series:
+        if request.param == "e-series":
             rig = opened.enter_context(closing(Rig("ur5e", tmp_path_factory.mktemp("programs"))))
             rig.reset()
         else:
@@ -65,11 +67,18 @@ def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any
         for _ in range(15):  # more than the list can show
             rig.control.inject_fault("delay", port="modbus", delay_s=0.01)
         rig.control.clear_faults()
-        context = browser.new_context(viewport=VIEWPORT, color_scheme="dark" if e_series else "light")
-        opened.enter_context(closing(context))
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def page(robot: Rig, browser: Browser) -> Iterator[Page]:
+    """The pendant of one robot, in the light theme for CB3 and in the dark theme for e-Series, with a touch screen."""
+    dark = robot.control.describe()["model"] == "ur5e"
+    context = browser.new_context(viewport=VIEWPORT, color_scheme="dark" if dark else "light", has_touch=True)
+    with closing(context):
         context.add_init_script(SLOW_FRAMES)
         page = context.new_page()
-        page.goto(f"{rig.url}/{SCREENS[0].name}")
+        page.goto(f"{robot.url}/{SCREENS[0].name}")
         expect(page.locator(".robot-name")).to_contain_text("PolyScope")
         yield page
 
@@ -134,11 +143,37 @@ def persistent_problems(where: str, find: Callable[[], list[str]]) -> list[str]:
     return []
 
 
-def test_dialogues_are_accessible(page: Page) -> None:
+def test_dialogues_and_messages_are_accessible(page: Page, robot: Rig) -> None:
     reload(page, "graph")
     click(page.get_by_test_id("choose-0"))
     expect(page.get_by_test_id("signal-search")).to_be_visible()
-    assert not persistent_problems("signals: ", lambda: violations(page, ".q-dialog"))
+    problems = persistent_problems("signals: ", lambda: violations(page, ".q-dialog"))
+    reload(page, "run")
+    robot.control.send_script(POPUP)
+    expect(page.get_by_test_id("dialogue-text")).to_have_text("Parts are out")
+    problems += persistent_problems("popup: ", lambda: violations(page, ".q-dialog"))
+    click(page.get_by_test_id("popup-ok"))
+    expect(page.get_by_test_id("dialogue")).to_be_hidden()
+    robot.control.protective_stop()
+    expect(page.get_by_test_id("stop-cause")).to_be_visible()
+    problems += persistent_problems("protective stop: ", lambda: violations(page, ".q-dialog"))
+    robot.control.unlock_protective_stop()
+    expect(page.get_by_test_id("stop-dialogue")).to_be_hidden()
+    click(page.get_by_test_id("run-load"))
+    expect(page.locator(".q-notification")).to_be_visible()
+    problems += persistent_problems("message: ", lambda: violations(page, ".q-notification"))
+    assert not problems, "\n".join(problems)
+
+
+def test_every_tab_can_be_tapped_and_the_robot_is_named(page: Page, robot: Rig) -> None:
+    try:
+        for width, height in SIZES.values():
+            page.set_viewport_size({"width": width, "height": height})
+            for tab in page.locator(".tabs .q-tab:visible").all():
+                tab.tap(trial=True)  # fails if something lies over it
+    finally:
+        page.set_viewport_size(VIEWPORT)
+    assert robot.host in page.title()
 
 
 def test_keyboard_focus_reaches_all_controls_and_is_visible(page: Page) -> None:

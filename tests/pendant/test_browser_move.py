@@ -228,7 +228,7 @@ def test_two_browsers_stay_in_step_and_only_one_jogs(bent: Rig, open_page: OpenP
         eventually(lambda: q(bent)[0] > before[0] + 0.05)
         expect(other.get_by_test_id("activity")).to_have_text("Jogging")
         other.get_by_test_id("joint-1-plus").dispatch_event("pointerdown")
-        expect(other.get_by_text("another operation is in progress")).to_be_visible()
+        expect(other.get_by_text("Another browser is jogging the arm")).to_be_visible()
     eventually(lambda: at_rest(bent))
     assert q(bent)[1] == pytest.approx(before[1], abs=1e-3)
 

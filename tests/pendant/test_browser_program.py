@@ -387,7 +387,7 @@ def test_simulation_moves_drawn_arm_only(rig, open_page):
     page = open_page("move")
     before = rig.state("actual_q")
     add_output = page.get_by_test_id("simulation-switch")
-    expect(add_output).to_have_text("Real robot")
+    expect(add_output).to_have_text("Real robot (emulated)")
     add_output.click()
     expect(add_output).to_have_attribute("aria-pressed", "true")
     expect(add_output).to_have_text("Simulation")
@@ -396,5 +396,5 @@ def test_simulation_moves_drawn_arm_only(rig, open_page):
     expect(page.get_by_test_id("angle-0")).to_contain_text("22.9")  # 0.4 rad
     assert rig.control.simulation() == {"on": True, "real_q_rad": before}
     add_output.click()
-    expect(add_output).to_have_text("Real robot")
+    expect(add_output).to_have_text("Real robot (emulated)")
     eventually(lambda: rig.state("actual_q") == before)

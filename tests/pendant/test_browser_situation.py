@@ -57,10 +57,14 @@ def test_values_that_are_no_longer_renewed_are_grey(rig: Rig, open_page) -> None
     try:
         expect(old).to_have_text(re.compile(r"these values are [2-9] s old"))
         expect(page.get_by_test_id("robot-mode")).to_have_css("opacity", "0.45")
+        expect(page.get_by_test_id("power-off")).to_have_css("opacity", "0.5")
+        page.get_by_test_id("power-off").click()  # has no effect later
     finally:
         os.kill(rig.pendant_pid, signal.SIGCONT)
     expect(old).to_be_hidden()
     expect(page.get_by_test_id("robot-mode")).to_have_css("opacity", "1")
+    expect(page.get_by_test_id("robot-mode")).to_have_text("Normal")
+    assert rig.state("robot_mode") == "RUNNING"
 
 
 @pytest.fixture
@@ -94,6 +98,12 @@ def test_screens_show_no_values_of_disconnected_robot(rig: Rig, disconnect_robot
     show(page, "move")
     expect(page.get_by_test_id("angle-0")).to_have_text("–")
     expect(page.get_by_test_id("slowed")).to_contain_text("Not connected")
+    for test_id in ("joint-0-plus", "axis-x-minus", "freedrive", "stop-moving", "joints-move", "play"):
+        expect(page.get_by_test_id(test_id)).to_be_disabled()
+    show(page, "io")
+    for test_id in ("DO0", "CO0", "DI0"):
+        expect(page.get_by_test_id(test_id)).to_be_disabled()
+    show(page, "move")
     rig.control.clear_faults()
     expect(page.get_by_test_id("status")).to_contain_text("Normal")
     expect(page.get_by_test_id("angle-0")).not_to_have_text("–")

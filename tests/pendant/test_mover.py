@@ -8,7 +8,7 @@ import pytest
 
 from client import AsyncRobot, MotionError, MotionStoppedError
 from client.pendant.jogging import Velocity
-from client.pendant.mover import STALE_S, Mover
+from client.pendant.mover import STALE_S, BusyError, Mover
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.lifecycle.power import PowerEvent
@@ -136,12 +136,12 @@ async def test_jog_resumes_after_late_setpoint_while_button_is_held(bench: Bench
 
 async def test_only_one_holder_may_jog(bench: Bench) -> None:
     await bench.hold_until(BASE_LEFT, "me", lambda: bench.moving)
-    with pytest.raises(RobotRefused, match="Jogging"):
+    with pytest.raises(BusyError, match="Another browser is jogging the arm"):
         bench.mover.hold(UP, "somebody else")
     bench.mover.release("somebody else")
     bench.mover.hold(BASE_LEFT, "me")
     assert bench.mover.activity == "Jogging"
-    with pytest.raises(RobotRefused, match="Jogging"):
+    with pytest.raises(BusyError, match=r"already moved from this pendant \(Jogging\)"):
         await bench.mover.move_j(START)
     bench.mover.release("me")
     await bench.wait_idle()
@@ -159,9 +159,9 @@ async def test_move_j_is_exclusive_and_can_be_stopped(bench: Bench) -> None:
     moving = asyncio.create_task(bench.mover.move_j((1.5, *START[1:]), "Moving to X"))
     await bench.wait_until(lambda: bench.moving)
     assert bench.mover.activity == "Moving to X"
-    with pytest.raises(RobotRefused, match="Moving to X"):
+    with pytest.raises(BusyError, match="Moving to X"):
         bench.mover.hold(UP, "me")
-    with pytest.raises(RobotRefused, match="Moving to X"):
+    with pytest.raises(BusyError, match="Moving to X"):
         await bench.mover.move_j(START)
     await bench.mover.stop()
     with pytest.raises(MotionStoppedError):

@@ -11,6 +11,7 @@ from client.pendant.program_view import palette
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
+from urscript.polyscope.document import read_document
 from urscript.polyscope.registry import kinds
 
 CB3 = (PolyscopeVersion(3, 15, 8), load_model("ur3"))
@@ -169,6 +170,7 @@ def test_saving_and_opening_reset_changed(draft: ProgramDraft) -> None:
     assert draft.changed
     version, files = draft.version, draft.files("job")
     assert sorted(files) == ["job.script", "job.txt", "job.urp"]
+    assert read_document(files["job.urp"] or b"").attributes["name"] == "job"
     draft.mark_saved("cell/job.urp", version)
     assert (draft.title, draft.changed) == ("cell/job.urp", False)
     version = draft.version

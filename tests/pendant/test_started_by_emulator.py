@@ -107,10 +107,12 @@ async def test_repeatedly_dying_pendant_is_given_up(monkeypatch: pytest.MonkeyPa
             given_up.set()
 
     config = EmulatorConfig(controller=ControllerConfig(model=load_model("ur3")), ephemeral_ports=True)
-    async with Emulator(config) as robot, Pendant(robot, 6080, report) as pendant:
-        async with timeout(DEADLINE_S):
-            await given_up.wait()
-        assert robot.control.pendant() == pendant.report()
+    async with (
+        Emulator(config) as robot,
+        Pendant(robot.config, robot.ports, 6080, report) as pendant,
+        timeout(DEADLINE_S),
+    ):
+        await given_up.wait()
     assert [line.partition(" after ")[0] for line in messages] == ["The teach pendant was killed (SIGKILL)"] * 3
     assert "it has failed 3 times and is given up" in messages[-1]
     assert "ur-client pendant --robot-ip 127.0.0.1" in messages[-1]

@@ -9,8 +9,8 @@ import pytest
 
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.control import http as control_http
 from emulator.machine import ControllerConfig
+from emulator.servers import http
 from urproto.robots import load_model
 
 HOST = b"Host: 127.0.0.1\r\n"
@@ -111,7 +111,7 @@ async def test_pipelined_requests_are_answered_in_order_and_end_with_their_clien
 async def test_wrong_tokens_are_answered_one_after_the_other_counted_and_logged_once(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(control_http, "_GUESS_S", 0.05)
+    monkeypatch.setattr(http, "_GUESS_S", 0.05)
     loop = asyncio.get_running_loop()
     guess = b"GET /verbs HTTP/1.1\r\nConnection: close\r\nAuthorization: Bearer x\r\n" + HOST + b"\r\n"
     began_s = loop.time()

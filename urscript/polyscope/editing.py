@@ -117,6 +117,10 @@ class ProgramEditor:
         """The current program, for translation to URScript."""
         return ProgramTree(self.root, self.name, self.saved_script, self.folder)
 
+    def name_program(self, name: str) -> None:
+        """Name the program, here and in its file; this is not an edit."""
+        self.name = self.root.attributes["name"] = name
+
     def document(self) -> bytes:
         """The XML of its file."""
         return write_document(self.root)

@@ -208,9 +208,8 @@ def payload_panel(page: Page) -> None:
         with ui.element("div").classes("init-payload-fields"):
             mass = _number_field("Mass", "kg", "payload-mass", "%.3f", minimum=0.0, step=0.1)
             cog = [_number_field(axis, "mm", f"payload-{axis.lower()}", "%.1f") for axis in _AXES]
-            ui.button(
-                "Set", on_click=page.handler(lambda: _apply_payload(page.station, [mass, *cog]), "The payload is set")
-            ).props("unelevated data-testid=payload-set")
+            apply = page.handler(lambda: _apply_payload(page.station, [mass, *cog]), "The payload is set")
+            page.needs_robot(ui.button("Set", on_click=apply)).props("unelevated data-testid=payload-set")
         page.live.text(_rated_payload, "init-hint")
 
     def show(payload: Payload | None) -> None:

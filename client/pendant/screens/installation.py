@@ -37,7 +37,7 @@ def build_payload(page: Page) -> None:
                 page.show_message("Payload sent; this version does not report which one it uses")
 
         with ui.row().classes("items-center"):
-            ui.button("Use it", on_click=page.handler(apply)).props("no-caps data-testid=payload-use")
+            page.needs_robot(ui.button("Use it", on_click=page.handler(apply))).props("no-caps data-testid=payload-use")
             page.live.text(_limit_text, "soft")
     page.live.effect(_payload_values, lambda values: _fill((mass, *cog), values))
 
@@ -75,7 +75,7 @@ def build_mounting(page: Page) -> None:
             box.on_value_change(show_gravity)
         show_gravity()
         with ui.row().classes("items-center"):
-            ui.button("Use it", on_click=page.handler(apply)).props("no-caps data-testid=mount-use")
+            page.needs_robot(ui.button("Use it", on_click=page.handler(apply))).props("no-caps data-testid=mount-use")
             gravity.move()
     page.live.effect(_current_tilt, lambda angles: _fill((tilt, turn), angles))
 

@@ -40,9 +40,13 @@ class _Editor:
             self._boxes = [_number(f"tcp-{index}") for index in range(6)]
         self._label_boxes()
         with ui.row().classes("tcp-buttons"):
-            ui.button("Use it", on_click=lambda: self._apply(self._entered)).props("no-caps data-testid=tcp-use")
+            self._page.needs_robot(ui.button("Use it", on_click=lambda: self._apply(self._entered))).props(
+                "no-caps data-testid=tcp-use"
+            )
             ui.button("Save", on_click=self._save).props("outline no-caps data-testid=tcp-save")
-            ui.button("Copy the one in effect", on_click=self._copy_active).props("flat no-caps")
+            self._page.needs_robot(ui.button("Copy the one in effect", on_click=self._copy_active)).props(
+                "flat no-caps"
+            )
         self._list = ui.element("div").classes("tcp-list")
         page.live.effect(lambda station: station.tools.version, lambda _: self._show_list())
         ui.label("In effect until a program or an installation sets another one.").classes("soft")
@@ -131,7 +135,9 @@ class _Editor:
             with button:
                 ui.label(name)
                 ui.label(", ".join(f"{_MM * value:.1f}" for value in tcp[:3]) + " mm").classes("soft")
-            ui.button("Use", on_click=lambda: self._apply(lambda: tcp)).props("flat dense no-caps")
+            self._page.needs_robot(ui.button("Use", on_click=lambda: self._apply(lambda: tcp))).props(
+                "flat dense no-caps"
+            )
             if name != _FLANGE:
                 delete = ui.button(icon="delete", on_click=lambda: self._delete(name)).props("flat dense round")
                 delete.props["aria-label"] = f"Delete {name}"

@@ -60,7 +60,7 @@ def _stop_button(page: Page) -> None:
         if not station.mover.in_control and station.situation.permits(Action.STOP):
             await page.stop()
 
-    button = ui.button("Stop", icon="back_hand", color=None, on_click=page.handler(stop))
+    button = page.needs_robot(ui.button("Stop", icon="back_hand", color=None, on_click=page.handler(stop)))
     button.classes("move-stop").props("unelevated no-caps data-testid=stop-moving")
     page.live.bind(button, "state", lambda station: "moving" if _is_moving(station) else "rest")
 

@@ -135,7 +135,7 @@ class JogPanels:
                     self._page.live.text(partial(self._axis_name, i), f"jog-name axis-{'xyz'[i % 3]}")
                     self._page.live.text(partial(self._coordinate, i), "jog-value").props(f"data-testid=tcp-{i}")
                     self._page.live.text(partial(self._coordinate_unit, i), "jog-unit")
-                    _hold_buttons("axis", i, _AXES[i].lower(), _AXES[i])
+                    _hold_buttons(self._page, "axis", i, _AXES[i].lower(), _AXES[i])
 
     def joints(self) -> None:
         """The panel of the joints: position within the limits, angle, and buttons."""
@@ -150,7 +150,7 @@ class JogPanels:
                         live.bind(bar, "state", partial(_limit_state, i))
                     live.text(partial(_angle_text, i), "jog-value").props(f"data-testid=angle-{i}")
                     ui.label("°").classes("jog-unit")
-                    _hold_buttons("joint", i, str(i), title)
+                    _hold_buttons(self._page, "joint", i, str(i), title)
 
     def speed_and_freedrive(self) -> None:
         """The panel with the speed of motions and the freedrive buttons."""
@@ -176,6 +176,8 @@ class JogPanels:
                 toggle_button = ui.button(
                     icon="lock_open", color=None, on_click=page.handler(self._toggle_freedrive)
                 ).props("unelevated")
+                page.needs_robot(hold_button)
+                page.needs_robot(toggle_button)
                 toggle_button.props('data-testid=freedrive-keep aria-label="Freedrive until pressed again"')
                 toggle_button.tooltip("Freedrive until pressed again")
             for button in (hold_button, toggle_button):
@@ -287,7 +289,7 @@ def _choice_toggle(options: Mapping[str, str], settings: MoveSettings, setting: 
     settings.page.live.bind(toggle, "state", lambda _: settings.feature if setting == "feature" else settings.rotation)
 
 
-def _hold_buttons(kind: str, index: int, test_id: str, title: str) -> None:
+def _hold_buttons(page: Page, kind: str, index: int, test_id: str, title: str) -> None:
     for sign, icon, name in ((-1, "remove", "minus"), (1, "add", "plus")):
         button = (
             ui.button(icon=icon, color=None)
@@ -295,6 +297,7 @@ def _hold_buttons(kind: str, index: int, test_id: str, title: str) -> None:
             .classes("jog-button")
         )
         button.props["data-hold"] = json.dumps({kind: index, "sign": sign})
+        page.needs_robot(button)
 
 
 def _checked_index(value: Any) -> int:

@@ -53,7 +53,8 @@ def saved_poses(page: Page, settings: MoveSettings) -> None:
             station.poses.save(_model_name(station), box.value or "", q)
             box.set_value("")
 
-        ui.button("Save", icon="add", on_click=page.handler(save)).props("unelevated no-caps data-testid=pose-save")
+        save_button = page.needs_robot(ui.button("Save", icon="add", on_click=page.handler(save)))
+        save_button.props("unelevated no-caps data-testid=pose-save")
         box.on("keydown.enter", page.handler(save))
 
 
@@ -85,7 +86,9 @@ def _pose_row(page: Page, settings: MoveSettings, name: str, q_rad: Joints, *, i
         ui.label(name).classes("pose-title")
         if is_user_pose:
             _pose_menu(page, name)
-        button = ui.button("Go", icon="near_me", on_click=page.handler(move)).props("flat no-caps dense")
+        button = page.needs_robot(ui.button("Go", icon="near_me", on_click=page.handler(move))).props(
+            "flat no-caps dense"
+        )
         button.props["data-testid"] = f"go-{name}"
 
 

@@ -201,6 +201,7 @@ class NodeForm:
 
         with ui.row().classes("target-buttons"):
             teach_button = ui.button(f"Teach {field.title.lower()}", icon="my_location", on_click=page.handler(teach))
+            page.needs_robot(teach_button)
             teach_button.props(f"unelevated no-caps data-testid=teach-{field.key}")
             move_button = ui.button("Move here", icon="near_me").props(f"flat no-caps data-testid=move-{field.key}")
             page.bind_button(Action.MOVE, move, move_button)

@@ -133,7 +133,9 @@ def _control_panel(page: Page) -> None:
             with choose.props('data-testid=run-choose aria-label="Programs of the emulator"'):
                 ui.tooltip("Programs of the emulator")
             page.live.effect(lambda s: "programs" in s.emulator.verbs and s.emulator.available, choose.set_visibility)
-            ui.button("Load", on_click=lambda: load(box.value or "")).props("data-testid=run-load unelevated")
+            page.needs_robot(ui.button("Load", on_click=lambda: load(box.value or ""))).props(
+                "data-testid=run-load unelevated"
+            )
         with ui.row().classes("run-state"):
             state = page.live.text(lambda s: s.situation.program, "chip run-chip")
             page.live.bind(state.props("data-testid=run-state"), "state", _state_color)

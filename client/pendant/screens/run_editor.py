@@ -29,7 +29,7 @@ def build_editor(page: Page) -> None:
     draft = page.station.programs.draft
     author = page.live.page_id
     with ui.row().classes("program-head"):
-        ui.button("Send", icon="send", on_click=page.handler(lambda: _send(page))).props(
+        page.needs_robot(ui.button("Send", icon="send", on_click=page.handler(lambda: _send(page)))).props(
             "no-caps unelevated data-testid=script-send"
         )
         _open_button(page)

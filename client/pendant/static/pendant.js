@@ -149,6 +149,15 @@ const pendant = (() => {
     window.addEventListener(type, handler, true);
   }
 
+  // A pendant that does not answer would receive a click when it answers again: too late.
+  const control = ":is(.screens, .frame, .q-dialog) :is(button, [role=tab], .q-toggle, .q-slider, .q-checkbox, .q-item)";
+  for (const type of ["click", "pointerdown", "mousedown", "touchstart", "keydown"])
+    listen(type, (event) => {
+      const used = type !== "keydown" || event.key === " " || event.key === "Enter";
+      if (!("old" in document.body.dataset) || !used || !event.target.closest?.(control)) return;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+    });
   listen("pointerdown", (event) => {
     const button = holdable(event);
     if (!button || button.disabled || event.button > 0) return;

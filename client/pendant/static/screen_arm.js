@@ -73,6 +73,7 @@
       if (now === last) return;
       last = now;
       draw(...options);
+      if (scene.scene.getObjectByName("joint 5")) scene.$el.parentElement.querySelector(".arm-loading")?.remove();
     };
     new ResizeObserver(() => fit(scene)).observe(scene.$el);
   }

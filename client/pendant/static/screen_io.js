@@ -20,6 +20,7 @@
     for (let i = 0; i < row.children.length; i++) {
       const state = levels[i] === "1" ? "on" : levels[i] === "0" ? "off" : "";
       if (row.children[i].dataset.state !== state) row.children[i].dataset.state = state;
+      row.children[i].disabled = state === ""; // the robot does not answer
       if (first !== null) label(row.children[i], String(first + i));
     }
     return true;
