@@ -1,4 +1,4 @@
-"""Writes what is generated in docs/ from the code: whole pages, and the levels and layers in architecture.md.
+"""Writes what is generated from the code: pages, the levels and layers in architecture.md, and stubs in client/.
 
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
@@ -85,6 +85,7 @@ def pages() -> dict[str, Callable[[], str]]:
         "program_nodes.md": program_nodes,
         "guesses.md": guesses,
         "ros2_interfaces.md": ros2_interfaces,
+        **{f"../{path}": write for path, write in runpy.run_path(str(DOCS / "stubs.py"))["texts"]().items()},
     }
 
 

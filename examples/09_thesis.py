@@ -9,7 +9,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from client.controllers import JOINT_NAMES, ControlledRobot, ErrorCode, JointTrajectory, JointTrajectoryPoint
+from client.controllers import JOINT_NAMES, ErrorCode, JointTrajectory, JointTrajectoryPoint, RobotControl
 from client.controllers.goal_files import read_goals
 from client.recording import draw, read
 
@@ -27,7 +27,7 @@ def to(point: JointTrajectoryPoint) -> JointTrajectory:
 
 
 async def drive(goals: list[JointTrajectoryPoint], slider: float, file: Path | None = None, stop: bool = False) -> None:
-    async with ControlledRobot(HOST, make_ready=True, record=file) as robot:
+    async with RobotControl(HOST, make_ready=True, record=file) as robot:
         await robot.robot.set_speed_slider(slider)
         robot.activate(CONTROLLER)
         for point in goals:

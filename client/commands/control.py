@@ -12,11 +12,11 @@ import typer
 
 from client.commands.following import ProgressBar
 from client.controllers import (
-    ControlledRobot,
     ControllersFile,
     ErrorCode,
     JointTrajectory,
     Result,
+    RobotControl,
     read_controllers,
     usual_controllers,
 )
@@ -162,7 +162,7 @@ class Target:
 
     @asynccontextmanager
     async def _open_alone(self) -> AsyncIterator[ArmAccess]:
-        robot = ControlledRobot(
+        robot = RobotControl(
             self.robot_ip,
             controllers_file(self.controllers, self.prefix),
             prefix=self.prefix,

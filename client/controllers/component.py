@@ -5,8 +5,8 @@ import logging
 from types import TracebackType
 from typing import Any, Final
 
+from client.controllers.control import RobotControl
 from client.controllers.controller import LifecycleState
-from client.controllers.robot import ControlledRobot
 from client.driver.robot import MOVABLE
 from client.errors import ControllerError
 from urproto.compat import Self
@@ -28,7 +28,7 @@ class HardwareComponent:
     name: the component's name in ros2_control. state: state of the component, which is independent of the robot's.
     """
 
-    def __init__(self, robot: ControlledRobot, name: str, *, headless: bool) -> None:
+    def __init__(self, robot: RobotControl, name: str, *, headless: bool) -> None:
         self.name = name
         self.state = LifecycleState.ACTIVE
         self._robot = robot
@@ -62,7 +62,7 @@ class HardwareComponent:
             await start_if_ready(self._robot)
 
 
-async def start_if_ready(robot: ControlledRobot) -> bool:
+async def start_if_ready(robot: RobotControl) -> bool:
     """Start the control program if the robot can run it; returns False, and logs the reason, if it did not start."""
     if robot.driver.program_running or robot.driver.robot.robot_mode is not RobotMode.RUNNING:
         return True
@@ -80,7 +80,7 @@ class ControllerStopper:
     It has the role of the official driver's controller stopper.
     """
 
-    def __init__(self, robot: ControlledRobot) -> None:
+    def __init__(self, robot: RobotControl) -> None:
         self._manager = robot.manager
         self._robot = robot
         self._stopped: list[str] = []
@@ -128,7 +128,7 @@ class ProgramKeeper:
     stopped, as with the official driver: resend_robot_program starts it.
     """
 
-    def __init__(self, robot: ControlledRobot) -> None:
+    def __init__(self, robot: RobotControl) -> None:
         self._robot = robot
         self._was_silent = False
         self._starting: asyncio.Task[None] | None = None

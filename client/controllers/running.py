@@ -14,11 +14,11 @@ from typing import Any, Final
 from client.calibration import model_of
 from client.controllers.component import ControllerStopper, HardwareComponent, ProgramKeeper, start_if_ready
 from client.controllers.configuration import ControllersFile
+from client.controllers.control import RobotControl
 from client.controllers.controller import Controller
 from client.controllers.manager import ControllerManager
 from client.controllers.modes import mode_of
 from client.controllers.parameters import with_changes
-from client.controllers.robot import ControlledRobot
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, ConnectionLostError, ControllerError, NoAnswerError, RobotUnreachableError
 from client.recording import DEFAULT_FIELDS
@@ -58,12 +58,12 @@ class ManagerOptions:
 
 
 @asynccontextmanager
-async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
+async def reached(options: ManagerOptions) -> AsyncIterator[RobotControl]:
     """Connect to the robot, as soon as it answers. Raises RobotRefused if it refuses."""
     reported_s = -_LOG_INTERVAL_S
     async with AsyncExitStack() as opened:
         while True:
-            robot = ControlledRobot(
+            robot = RobotControl(
                 options.robot_ip,
                 options.file,
                 prefix=options.tf_prefix,
@@ -93,7 +93,7 @@ class RunningManager:
     was loaded or unloaded. on_parameters: awaited with a controller and its changed parameters, by names with dots.
     """
 
-    def __init__(self, robot: ControlledRobot, *, headless: bool = True) -> None:
+    def __init__(self, robot: RobotControl, *, headless: bool = True) -> None:
         self.robot = robot
         arm = robot.driver.robot.configuration
         model = model_of(arm) if arm else None

@@ -12,6 +12,7 @@ from typing import Any, Final, TypeAlias
 
 from client.controllers.component import PLUGIN
 from client.controllers.configuration import help_of
+from client.controllers.control import listen, recorded
 from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState
 from client.controllers.forward import ForwardCommandController
 from client.controllers.goals import GoalHandle, JointTrajectory, JointTrajectoryPoint
@@ -19,7 +20,6 @@ from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.manager import ControllerManager
 from client.controllers.parameters import flat, is_read_only
 from client.controllers.passthrough import PassthroughTrajectoryController
-from client.controllers.robot import listen, recorded
 from client.controllers.running import RunningManager
 from client.errors import ControllerError, ManagerError
 from client.recording import BackgroundRecorder

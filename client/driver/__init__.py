@@ -4,8 +4,9 @@
 """
 
 from client.driver import points
+from client.driver.blocking import BlockingURDriver
 from client.driver.config import DriverConfig, calibration_hash
-from client.driver.driver import BlockingURDriver, URDriver
+from client.driver.driver import URDriver
 from client.driver.endpoint import Endpoint, ReverseEndpoint, ScriptSender
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from urproto.external_control import TrajectoryPoint, TrajectoryResult

@@ -3,11 +3,6 @@
 async with URDriver("192.168.56.101") as driver:
     await driver.start_program()
     await driver.execute([points.movej(q) for q in path])
-
-with BlockingURDriver("192.168.56.101") as driver:
-    driver.start_program()
-    while driver.next_state()["timestamp"] < end:
-        driver.servoj(target())
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -15,7 +10,7 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any
 
-from client.driver.blocking import Blocking, blocking, direct
+from client.blocking import thread_safe
 from client.driver.config import DriverConfig, calibration_problem
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
 from client.driver.endpoint import MAX_REAL_TIME_S, ReverseEndpoint, ScriptSender
@@ -204,39 +199,48 @@ class URDriver:
 
     # setpoints
 
+    @thread_safe
     def servoj(self, q_rad: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint angles (6,) [rad] to reach one control period from now."""
         self.reverse.setpoint(ControlMode.SERVOJ, q_rad, timeout_s)
 
+    @thread_safe
     def servo_pose(self, pose_base_tcp: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send a TCP pose in the base frame (6,) [m, rotation vector], reached by the nearest joint angles."""
         self.reverse.setpoint(ControlMode.POSE, pose_base_tcp, timeout_s)
 
+    @thread_safe
     def speedj(self, qd_rad_s: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint speeds (6,) [rad/s]."""
         self.reverse.setpoint(ControlMode.SPEEDJ, qd_rad_s, timeout_s)
 
+    @thread_safe
     def speedl(self, velocity_base: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send a TCP velocity in the base frame (6,) [m/s, rad/s]."""
         self.reverse.setpoint(ControlMode.SPEEDL, velocity_base, timeout_s)
 
+    @thread_safe
     def torque(self, torque_Nm: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer."""
         self.robot.require("torque")
         self.reverse.setpoint(ControlMode.TORQUE, torque_Nm, timeout_s)
 
+    @thread_safe
     def idle(self) -> None:
         """Bring the arm to rest and keep the program running, for as long as the driver lives."""
         self.reverse.keep_alive(self.config.keep_alive_timeout_s)
 
+    @thread_safe
     def start_freedrive(self) -> None:
         """Let a person guide the arm by hand until `stop_freedrive`, `idle` or another mode."""
         self.reverse.freedrive(FreedriveAction.START, self.config.keep_alive_timeout_s)
 
+    @thread_safe
     def keep_freedrive(self) -> None:
         """Keep freedrive active; the driver also does this by itself."""
         self.reverse.freedrive(FreedriveAction.NOOP, self.config.keep_alive_timeout_s)
 
+    @thread_safe
     def stop_freedrive(self) -> None:
         """End freedrive; the arm holds its position."""
         self.reverse.freedrive(FreedriveAction.STOP, self.config.keep_alive_timeout_s)
@@ -286,8 +290,8 @@ class URDriver:
         self.robot.require("zero_ftsensor")
         await self._command_or_script(ScriptCommand.plain(ScriptCommandKind.ZERO_FTSENSOR), "zero_ftsensor()")
 
-    async def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> None:
-        """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame."""
+    async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = ZERO3) -> None:
+        """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame, within a few periods."""
         script = f"set_payload({mass_kg}, {_list(cog_m)})"
         await self._command_or_script(ScriptCommand.set_payload(mass_kg, cog_m), script)
 
@@ -452,85 +456,3 @@ class URDriver:
 
 def _list(values: Sequence[float]) -> str:
     return f"[{', '.join(str(float(value)) for value in values)}]"
-
-
-class BlockingURDriver(Blocking[URDriver]):
-    """Blocking counterpart of `URDriver`, for scripts, notebooks and control loops.
-
-    Its connections run in a separate thread, which also calls the callbacks.
-    """
-
-    def __init__(self, robot: str, **options: Any) -> None:
-        super().__init__(lambda: URDriver(robot, **options))
-
-    start_program = blocking(URDriver.start_program)
-    stop_program = blocking(URDriver.stop_program)
-    wait_for_program = blocking(URDriver.wait_for_program)
-    on_program_state = blocking(URDriver.on_program_state)
-    on_safety_mode = blocking(URDriver.on_safety_mode)
-    recover = blocking(URDriver.recover)
-    set_speed_slider = blocking(URDriver.set_speed_slider)
-
-    servoj = direct(URDriver.servoj)
-    servo_pose = direct(URDriver.servo_pose)
-    speedj = direct(URDriver.speedj)
-    speedl = direct(URDriver.speedl)
-    torque = direct(URDriver.torque)
-    idle = direct(URDriver.idle)
-    start_freedrive = direct(URDriver.start_freedrive)
-    keep_freedrive = direct(URDriver.keep_freedrive)
-    stop_freedrive = direct(URDriver.stop_freedrive)
-
-    execute = blocking(URDriver.execute)
-    start_trajectory = blocking(URDriver.start_trajectory)
-    trajectory_result = blocking(URDriver.trajectory_result)
-    cancel_trajectory = blocking(URDriver.cancel_trajectory)
-    start_stream = blocking(URDriver.start_stream)
-    stream = blocking(URDriver.stream)
-    end_stream = blocking(URDriver.end_stream)
-
-    query = blocking(URDriver.query)
-    set_stream_parameters = blocking(URDriver.set_stream_parameters)
-    set_freedrive_axes = blocking(URDriver.set_freedrive_axes)
-    set_force_mode_parameters = blocking(URDriver.set_force_mode_parameters)
-    start_contact_detection = blocking(URDriver.start_contact_detection)
-    stop_contact_detection = blocking(URDriver.stop_contact_detection)
-    zero_ftsensor = blocking(URDriver.zero_ftsensor)
-    set_payload = blocking(URDriver.set_payload)
-    set_target_payload = blocking(URDriver.set_target_payload)
-    set_tool_voltage = blocking(URDriver.set_tool_voltage)
-    set_gravity = blocking(URDriver.set_gravity)
-    set_tcp = blocking(URDriver.set_tcp)
-    start_force_mode = blocking(URDriver.start_force_mode)
-    end_force_mode = blocking(URDriver.end_force_mode)
-    start_tool_contact = blocking(URDriver.start_tool_contact)
-    end_tool_contact = blocking(URDriver.end_tool_contact)
-    tool_contact_result = blocking(URDriver.tool_contact_result)
-    ft_rtde_input_enable = blocking(URDriver.ft_rtde_input_enable)
-    set_friction_compensation = blocking(URDriver.set_friction_compensation)
-    set_friction_scales = blocking(URDriver.set_friction_scales)
-
-    def next_state(self) -> ReceivedState:
-        """The RTDE state after the newest one."""
-        feed = self.inner.robot.feed
-        return feed.wait(feed.count, self.inner.config.silence_s)
-
-    @property
-    def loss_reason(self) -> str:
-        """Why the last control program ended, if this machine was the cause; otherwise empty."""
-        return self.inner.loss_reason
-
-    @property
-    def program_running(self) -> bool:
-        """True while the control program is connected."""
-        return self.inner.program_running
-
-    @property
-    def protective_stopped(self) -> bool:
-        """True during a protective stop."""
-        return self.inner.protective_stopped
-
-    @property
-    def state(self) -> ReceivedState:
-        """The newest RTDE state, by variable name, whatever its age (``state.age_s``)."""
-        return self.inner.state

@@ -2,6 +2,7 @@
 
 from typing import Any, Final
 
+from client.blocking import thread_safe
 from client.driver import URDriver
 from client.quantities import checked
 from urproto.errors import LocalProtocolError
@@ -33,10 +34,12 @@ class IO:
         low, high = _AMPERES
         await self._set_analog(number, 0, (amperes - low) / (high - low))
 
+    @thread_safe
     def analog_in(self, number: int) -> float:
         """Value of analog input 0 or 1 [V or A, depending on its configuration]."""
         return float(self._value(f"standard_analog_input{_analog(number)}"))
 
+    @thread_safe
     def analog_out(self, number: int) -> float:
         """Value of analog output 0 or 1 [V or A, depending on its configuration]."""
         return float(self._value(f"standard_analog_output{_analog(number)}"))
@@ -53,10 +56,12 @@ class IO:
         """Write input register 0 to 47, for programs on the robot to read; 24 to 47 are reserved for clients."""
         await self._driver.robot.write_inputs(**{f"input_double_register_{_register(number)}": value})
 
+    @thread_safe
     def int_register(self, number: int) -> int:
         """Value of output register 0 to 47, written by a program on the robot; ``outputs`` must include it."""
         return int(self._value(f"output_int_register_{_register(number)}"))
 
+    @thread_safe
     def double_register(self, number: int) -> float:
         """Value of output register 0 to 47, written by a program on the robot; ``outputs`` must include it."""
         return float(self._value(f"output_double_register_{_register(number)}"))

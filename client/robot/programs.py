@@ -48,7 +48,7 @@ class Programs:
                 return await primary.run(primary.core.execute(text, timeout_s=timeout_s), float("inf"))
         finally:
             if was_running:
-                await self._motion.readiness.start("the script")
+                await self._motion.readiness.restart_program("the script")
 
     async def run_function(self, name: str, body: str, *, timeout_s: float = float("inf")) -> ScriptResult:
         """Like `run`, with the body of a function of this name."""

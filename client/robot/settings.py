@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from client.blocking import thread_safe
 from client.driver.robot import MOVABLE
 from client.robot.motion import MotionRunner
 from client.robot.readiness import LOCAL_CONTROL
@@ -49,9 +50,22 @@ class Settings:
         await self._wait_for_effect("speed slider", lambda state: abs(state.speed_fraction - fraction) < 1e-3)
 
     async def trigger_protective_stop(self) -> None:
-        """Put the robot into a protective stop, as after a collision, from any motion."""
+        """Put the robot into a protective stop, as after a collision, from any motion. See `recover`."""
         await self._send_statement("protective_stop()")
         await self._wait_for_effect("protective stop", lambda state: state.safety_mode == SafetyMode.PROTECTIVE_STOP)
+
+    @thread_safe
+    def set_watchdog(self, longest_s: float) -> None:
+        """End the control program, and so stop the arm, if `kick_watchdog` is not called for ``longest_s``; 0 is off.
+
+        Without a watchdog the arm keeps moving as long as this process lives, even if the caller's own loop hangs.
+        """
+        self._driver.keep_alive.watch(longest_s)
+
+    @thread_safe
+    def kick_watchdog(self) -> None:
+        """Report that the caller's own program is alive; takes no time."""
+        self._driver.keep_alive.kick()
 
     async def _send_statement(self, statement: str) -> None:
         await self._driver.robot.send_script(f"sec setting():\n  {statement}\nend")

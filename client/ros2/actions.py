@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from client.controllers.calls import Call
 from client.controllers.compliance import ToolContactController
+from client.controllers.control import RobotControl
 from client.controllers.controller import Controller
 from client.controllers.goals import (
     Feedback,
@@ -27,7 +28,6 @@ from client.controllers.goals import (
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.motion_primitives import MotionPrimitivesForwardController
 from client.controllers.passthrough import PassthroughTrajectoryController
-from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
 from client.ros2.host import NodeHost, interface, interface_if_any
 from client.ros2.topics import CommandContext, seconds, set_point, trajectory
@@ -41,7 +41,7 @@ _ARGUMENTS: Final = ("velocity", "acceleration", "move_time")  # of motion primi
 
 
 def serve_actions(
-    host: NodeHost, node: Node, controller: Controller[Any], robot: ControlledRobot, transforms: Transforms
+    host: NodeHost, node: Node, controller: Controller[Any], robot: RobotControl, transforms: Transforms
 ) -> None:
     """Offer a controller's actions on its node, which must already spin."""
     if isinstance(controller, (JointTrajectoryController, PassthroughTrajectoryController)):
@@ -157,7 +157,7 @@ class FollowTrajectoryAction(_GoalAction):
     name = "~/follow_joint_trajectory"
     type_name = "control_msgs/action/FollowJointTrajectory"
 
-    def __init__(self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot) -> None:
+    def __init__(self, host: NodeHost, node: Node, controller: Any, robot: RobotControl) -> None:
         self._robot = robot
         super().__init__(host, node, controller)
 
@@ -228,7 +228,7 @@ class MotionSequenceAction(_GoalAction):
     type_name = "control_msgs/action/ExecuteMotionPrimitiveSequence"
 
     def __init__(
-        self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot, transforms: Transforms
+        self, host: NodeHost, node: Node, controller: Any, robot: RobotControl, transforms: Transforms
     ) -> None:
         self._robot = robot
         self._transforms = transforms

@@ -7,9 +7,9 @@ from typing import Any, Final
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from client.controllers.control import RobotControl
 from client.controllers.controller import Controller
 from client.controllers.goals import JointTrajectory
-from client.controllers.robot import ControlledRobot
 from client.controllers.running import RunningManager
 from client.errors import ClientError
 from client.ros2 import parameters, services
@@ -61,7 +61,7 @@ class ControllerNode:
     def __init__(
         self,
         host: NodeHost,
-        robot: ControlledRobot,
+        robot: RobotControl,
         outbox: Outbox,
         transforms: Transforms,
         controller: Controller[Any],
@@ -103,7 +103,7 @@ class _Listener:
     """Passes a topic's newest message to a controller: the queue of the subscription has length one."""
 
     def __init__(
-        self, host: NodeHost, node: Node, robot: ControlledRobot, controller: Controller[Any], row: Subscription
+        self, host: NodeHost, node: Node, robot: RobotControl, controller: Controller[Any], row: Subscription
     ) -> None:
         self._host = host
         self._node = node

@@ -15,7 +15,7 @@ from typing import Any, Final
 from client.calibration import calibrated_model, calibration_of
 from client.cameras import CameraClient
 from client.controllers.broadcasters import JointStateBroadcaster
-from client.controllers.robot import ControlledRobot
+from client.controllers.control import RobotControl
 from client.controllers.running import ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
 from client.errors import Ros2Error
@@ -68,7 +68,7 @@ class Ros2Driver:
         self.running: RunningManager
 
     @property
-    def robot(self) -> ControlledRobot:
+    def robot(self) -> RobotControl:
         """The robot and its control loop."""
         return self.running.robot
 

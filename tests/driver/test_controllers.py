@@ -16,7 +16,7 @@ from client.commands.goals import go, publish
 from client.controllers import (
     JOINT_NAMES,
     RTDE_OUTPUTS,
-    BlockingControlledRobot,
+    BlockingRobotControl,
     ControlLoop,
     ErrorCode,
     FollowJointTrajectory,
@@ -314,7 +314,7 @@ async def test_cb3_robots_have_no_tool_contact():
 
 def test_a_script_without_asyncio(tmp_path):
     file = tmp_path / "run.mcap"
-    with emulator_thread("ur3") as robot, BlockingControlledRobot(HOST, robot_ports=robot.ports, record=file) as arm:
+    with emulator_thread("ur3") as robot, BlockingRobotControl(HOST, robot_ports=robot.ports, record=file) as arm:
         arm.activate(SCALED, "joint_state_broadcaster")
         assert arm.follow(SCALED, way((0.5, moved(0.1, 0, 0, 0, 0, 0)))).error_code is ErrorCode.SUCCESSFUL
         arm.rest()

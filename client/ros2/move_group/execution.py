@@ -5,11 +5,11 @@ import time
 from collections.abc import Sequence
 from typing import Any, Final
 
+from client.controllers.control import RobotControl
 from client.controllers.controller import LifecycleState
 from client.controllers.goals import FollowJointTrajectory, GoalHandle, GoalStatus, JointTrajectory
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.passthrough import PassthroughTrajectoryController
-from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
 from client.ros2.move_group.arm import RefusedError
 from client.ros2.topics import CommandContext, trajectory
@@ -22,7 +22,7 @@ _FOLLOWING: Final = (JointTrajectoryController, PassthroughTrajectoryController)
 class Execution:
     """Executes the trajectories of one robot; call it in the event loop only."""
 
-    def __init__(self, robot: ControlledRobot) -> None:
+    def __init__(self, robot: RobotControl) -> None:
         self._robot = robot
         self._under_way: tuple[Any, GoalHandle] | None = None
 

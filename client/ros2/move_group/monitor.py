@@ -3,7 +3,7 @@
 import asyncio
 from typing import Any
 
-from client.controllers.robot import ControlledRobot
+from client.controllers.control import RobotControl
 from client.errors import StaleStateError
 from client.ros2.move_group.arm import Arm, RefusedError
 from client.ros2.move_group.scene import SceneState
@@ -13,7 +13,7 @@ from urproto.robots import Joints
 class Monitor:
     """Changes in the event loop only; its states can be used anywhere, since they are never changed in place."""
 
-    def __init__(self, arm: Arm, robot: ControlledRobot) -> None:
+    def __init__(self, arm: Arm, robot: RobotControl) -> None:
         self.arm = arm
         self.state = SceneState(arm)
         self._robot = robot
