@@ -144,7 +144,7 @@ async def execute(model: str, place: str, plans: Sequence[Plan], meshes: Path | 
                 for plan in plans:
                     await arm.move_j(plan.path[0], speed_rad_s=3.0)
                     driven.append(arm.q)
-                    listeners = arm.driver.robot.on_state
+                    listeners = arm.driver.link.on_state
                     listeners.append(note := lambda state: driven.append(tuple(state["actual_q"])))
                     await arm.planning.execute(plan)
                     listeners.remove(note)

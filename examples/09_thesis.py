@@ -34,7 +34,7 @@ async def drive(goals: list[JointTrajectoryPoint], slider: float, file: Path | N
             goal = robot.manager.controller(CONTROLLER).send_goal(to(point))
             if stop:
                 await robot.robot.wait_for(lambda _: robot.manager.controller(CONTROLLER).progress > 0.5)
-                await robot.driver.robot.send_script("sec stop():\n  protective_stop()\nend")
+                await robot.driver.link.send_script("sec stop():\n  protective_stop()\nend")
                 await robot.robot.wait_for(lambda _: robot.driver.protective_stopped)
                 await robot.robot.recover()  # after 5 s, and for those who know why the arm stopped
             result = await robot.result(goal)

@@ -148,11 +148,11 @@ def excite_command(
         if make_ready:
             robot.make_ready()
         with Recorder(output, _FIELDS, {"robot": robot_ip}) as recorder:
-            robot.inner.driver.robot.on_state.append(recorder.write)
+            robot.inner.driver.link.on_state.append(recorder.write)
             _rest(robot)
             move_along(robot, path, "excitation")
             _rest(robot)
-            robot.inner.driver.robot.on_state.remove(recorder.write)
+            robot.inner.driver.link.on_state.remove(recorder.write)
     typer.echo(f"{output}: {recorder.count} states. To identify the arm, run ur-client identify {output}")
 
 

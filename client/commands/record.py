@@ -163,7 +163,7 @@ def check_and_confirm(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool
 
     Raises URError, or typer.Exit if the answer is no.
     """
-    arm = robot.inner.driver.robot.configuration
+    arm = robot.inner.driver.link.configuration
     if arm is None:
         raise RobotRefused("replay", "it does not report its limits", "check that its primary port (30001) answers")
     path.check(arm)

@@ -46,13 +46,13 @@ async def recorded(driver: URDriver, path: Path) -> AsyncIterator[BackgroundReco
 
     A separate process writes the file, so that the control loop is not delayed. Raises RecordingError.
     """
-    info = {"robot": driver.config.robot, "polyscope": str(driver.version)}
+    info = {"robot": driver.config.host, "polyscope": str(driver.version)}
     recorder = await asyncio.to_thread(BackgroundRecorder, path, DEFAULT_FIELDS, info)
-    driver.robot.on_state.append(recorder.write)
+    driver.link.on_state.append(recorder.write)
     try:
         yield recorder
     finally:
-        driver.robot.on_state.remove(recorder.write)
+        driver.link.on_state.remove(recorder.write)
         await asyncio.to_thread(recorder.close)
 
 
@@ -147,7 +147,7 @@ class RobotControl(ControlLoop):
 
         speeds: also check that no joint needs more than its maximum speed between two points.
         """
-        link = self.driver.robot
+        link = self.driver.link
         if link.configuration is None:
             return
         current = dict(zip((self.prefix + joint for joint in JOINT_NAMES), self.driver.state["actual_q"], strict=True))
@@ -168,7 +168,7 @@ class RobotControl(ControlLoop):
         moves = [point_of(primitive) for primitive in primitives]
         for move in moves:
             move.encode()
-        if reach := reach_of(self.driver.robot, self.driver.state["actual_q"]):
+        if reach := reach_of(self.driver.link, self.driver.state["actual_q"]):
             reach.check("the sequence", moves)
 
     def activate(self, *names: str) -> None:

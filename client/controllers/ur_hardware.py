@@ -17,7 +17,7 @@ from client.controllers.ur_execution import PassthroughExecution, PrimitivesExec
 from client.controllers.ur_states import URStates
 from client.driver.availability import refusal
 from client.driver.endpoint import MAX_REAL_TIME_S
-from client.driver.robot import MOVABLE
+from client.driver.link import MOVABLE
 from client.errors import ControllerError, LateSetpointError
 from urproto.errors import LocalProtocolError, URError
 from urproto.joints import JOINT_NAMES

@@ -18,7 +18,7 @@ from urproto.versions import PolyscopeVersion
 
 class BlockingURDriver(Blocking[URDriver]):
     """Blocking form of `URDriver`: its connections run in a separate thread, which also calls the callbacks."""
-    def __init__(self, robot: str, **options: Any) -> None:
+    def __init__(self, host: str, **options: Any) -> None:
         ...
     def cancel_trajectory(self) -> TrajectoryResult:
         """Stop the trajectory under way; returns SUCCESS if it ended by itself just before."""

@@ -49,7 +49,7 @@ class DriverConfig:
 
     Addresses and the control program:
 
-    - robot: address of the robot.
+    - host: address of the robot.
     - headless: True if the driver sends the control program itself. Otherwise the robot's External Control URCap
       fetches it when the robot plays ``program``, which the driver loads and plays through the dashboard; None plays
       the program that is already loaded.
@@ -80,7 +80,7 @@ class DriverConfig:
       "off" does without.
     """
 
-    robot: str
+    host: str
     headless: bool = True
     program: str | None = None
     own_address: str | None = None

@@ -14,9 +14,9 @@ from client.blocking import thread_safe
 from client.driver.config import DriverConfig, calibration_problem
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
 from client.driver.endpoint import MAX_REAL_TIME_S, ReverseEndpoint, ScriptSender
+from client.driver.link import RobotLink
 from client.driver.program import KeepAliveThread, ProgramSupervisor
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
-from client.driver.robot import RobotLink
 from client.driver.trajectories import Trajectories
 from client.quantities import checked
 from client.rtde import ReceivedState
@@ -69,7 +69,7 @@ class URDriver:
 
     config: DriverConfig
     """Addresses, ports, rates and timeouts, as given."""
-    robot: RobotLink
+    link: RobotLink
     """Connections to the robot, and what it reports about itself."""
     program: ProgramSupervisor
     """The control program, and its parts below: the ports that it connects to, and the pulse."""
@@ -84,13 +84,13 @@ class URDriver:
     keep_alive: KeepAliveThread
     """Keeps the program alive, or ends it if its watchdog is not kicked."""
 
-    def __init__(self, robot: str, **options: Any) -> None:
-        self.config = DriverConfig(robot=robot, **options)
-        self.robot = RobotLink(self.config)
-        self.program = program = ProgramSupervisor(self.config, self.robot)
+    def __init__(self, host: str, **options: Any) -> None:
+        self.config = DriverConfig(host=host, **options)
+        self.link = RobotLink(self.config)
+        self.program = program = ProgramSupervisor(self.config, self.link)
         self.reverse, self.sender, self.keep_alive = program.reverse, program.sender, program.keep_alive
         self.trajectory, self.commands = program.trajectory, program.commands
-        self._trajectories = Trajectories(self.config, self.robot, program)
+        self._trajectories = Trajectories(self.config, self.link, program)
         self._open = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
@@ -99,8 +99,8 @@ class URDriver:
         Raises the errors of client.errors, RobotRefused for a wrong calibration, and OSError for a port that is in use.
         """
         async with AsyncExitStack() as opening:
-            await opening.enter_async_context(self.robot)
-            problem = calibration_problem(await self.robot.kinematics(), self.config.calibration)
+            await opening.enter_async_context(self.link)
+            problem = calibration_problem(await self.link.kinematics(), self.config.calibration)
             if problem is not None:
                 raise RobotRefused("the calibration check", problem)
             await opening.enter_async_context(self.program)
@@ -116,16 +116,16 @@ class URDriver:
     @property
     def version(self) -> PolyscopeVersion:
         """The robot's PolyScope version."""
-        return self.robot.version
+        return self.link.version
 
     @property
     def state(self) -> ReceivedState:
         """The newest RTDE state, by variable name, whatever its age (``state.age_s``)."""
-        return self.robot.state
+        return self.link.state
 
     async def next_state(self) -> ReceivedState:
         """The RTDE state after the newest one."""
-        return await self.robot.next_state()
+        return await self.link.next_state()
 
     # the control program
 
@@ -168,11 +168,11 @@ class URDriver:
     @property
     def protective_stopped(self) -> bool:
         """True during a protective stop."""
-        return self.robot.protective_stopped
+        return self.link.protective_stopped
 
     def on_safety_mode(self, callback: Callable[[SafetyMode], None]) -> None:
         """Register a callback that is called with each new safety mode."""
-        self.robot.on_safety_mode(callback)
+        self.link.on_safety_mode(callback)
 
     async def recover(self) -> None:
         """Unlock a protective stop, 5 s after it occurred, and start the control program again.
@@ -181,7 +181,7 @@ class URDriver:
         stopped for another reason, or if the stop recurs immediately.
         """
         if self.protective_stopped:
-            await self.robot.unlock_protective_stop()
+            await self.link.unlock_protective_stop()
         await self.start_program()
 
     async def set_speed_slider(self, fraction: float) -> None:
@@ -190,7 +190,7 @@ class URDriver:
         Raises RobotRefused while another client controls the slider.
         """
         try:
-            await self.robot.write_inputs(speed_slider_mask=1, speed_slider_fraction=fraction)
+            await self.link.write_inputs(speed_slider_mask=1, speed_slider_fraction=fraction)
         except RobotRefused as refused:
             if "IN_USE" not in refused.answer:
                 raise
@@ -222,7 +222,7 @@ class URDriver:
     @thread_safe
     def torque(self, torque_Nm: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer."""
-        self.robot.require("torque")
+        self.link.require("torque")
         self.reverse.setpoint(ControlMode.TORQUE, torque_Nm, timeout_s)
 
     @thread_safe
@@ -287,7 +287,7 @@ class URDriver:
 
     async def zero_ftsensor(self) -> None:
         """Zero the force/torque sensor (take the present wrench as zero); e-Series."""
-        self.robot.require("zero_ftsensor")
+        self.link.require("zero_ftsensor")
         await self._command_or_script(ScriptCommand.plain(ScriptCommandKind.ZERO_FTSENSOR), "zero_ftsensor()")
 
     async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = ZERO3) -> None:
@@ -306,7 +306,7 @@ class URDriver:
 
         inertia_kg_m2: Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,).
         """
-        self.robot.require("set_target_payload")
+        self.link.require("set_target_payload")
         command = ScriptCommand.set_target_payload(mass_kg, cog_m, inertia_kg_m2, transition_time_s)
         script = f"set_target_payload({mass_kg}, {_list(cog_m)}, {_list(inertia_kg_m2)}, {transition_time_s})"
         await self._command_or_script(command, script)
@@ -358,13 +358,13 @@ class URDriver:
         used, and all zeros stand for the direction of motion. Afterwards the arm rests until `end_tool_contact`. The
         robot checks for contact once per message from the driver, so send setpoints in every control period.
         """
-        self.robot.require("start_tool_contact")
+        self.link.require("start_tool_contact")
         self.commands.clear_results()
         self.commands.send(ScriptCommand(ScriptCommandKind.START_TOOL_CONTACT, to_words(direction_base)))
 
     def end_tool_contact(self) -> None:
         """Stop watching for contact; the result is CANCELED if there was none."""
-        self.robot.require("end_tool_contact")
+        self.link.require("end_tool_contact")
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_TOOL_CONTACT))
 
     async def tool_contact_result(self, timeout_s: float | None = None) -> TrajectoryResult:
@@ -381,7 +381,7 @@ class URDriver:
         ProgramNotRunningError and NoAnswerError.
         """
         if gate is not None:
-            self.robot.require(gate)
+            self.link.require(gate)
         return await self.commands.query(query, arguments, number)
 
     def set_stream_parameters(
@@ -407,7 +407,7 @@ class URDriver:
         frame_base: the frame of these axes, as a pose in the base frame (6,) [m, rotation vector].
         """
         if list(axes) != [1] * 6:
-            self.robot.require("freedrive_axes")
+            self.link.require("freedrive_axes")
         self.commands.send(ScriptCommand.set_freedrive_axes(axes, frame_base))
 
     def set_force_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
@@ -416,12 +416,12 @@ class URDriver:
 
     def start_contact_detection(self, direction_base: Sequence[float] = ZERO6) -> None:
         """From now on, record whether the tool touches something in a direction (6,); all zeros for any direction."""
-        self.robot.require("contact")
+        self.link.require("contact")
         self.commands.send(ScriptCommand.start_contact_detection(direction_base))
 
     def stop_contact_detection(self) -> None:
         """Stop recording contacts; the result can still be queried."""
-        self.robot.require("contact")
+        self.link.require("contact")
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.STOP_CONTACT_DETECTION))
 
     def ft_rtde_input_enable(
@@ -439,19 +439,19 @@ class URDriver:
 
     def set_friction_compensation(self, enabled: bool) -> None:
         """Set whether torque control compensates friction; PolyScope 5.23 or newer."""
-        self.robot.require("set_friction_compensation")
+        self.link.require("set_friction_compensation")
         self.commands.send(ScriptCommand.set_friction_compensation(enabled))
 
     def set_friction_scales(self, viscous: Sequence[float], coulomb: Sequence[float]) -> None:
         """Set the share, 0 to 1, of each joint's friction (6,) that torque control compensates; PolyScope 5.25.1."""
-        self.robot.require("set_friction_scales")
+        self.link.require("set_friction_scales")
         self.commands.send(ScriptCommand.set_friction_scales(viscous, coulomb))
 
     async def _command_or_script(self, command: ScriptCommand, statement: str) -> None:
         if self.program_running:
             self.commands.send(command)
         else:
-            await self.robot.send_script(f"sec command():\n  {statement}\nend")
+            await self.link.send_script(f"sec command():\n  {statement}\nend")
 
 
 def _list(values: Sequence[float]) -> str:

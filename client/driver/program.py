@@ -14,8 +14,8 @@ from client import dashboard
 from client.driver.config import DriverConfig
 from client.driver.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
 from client.driver.endpoint import Endpoint, Peer, ReverseEndpoint, ScriptSender
+from client.driver.link import MOVABLE, RobotLink, cancel
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
-from client.driver.robot import MOVABLE, RobotLink, cancel
 from client.driver.scheduling import RealTime, real_time_thread
 from client.driver.standstill import Standstill
 from client.errors import ProgramNotRunningError, ProgramStaysError
@@ -156,7 +156,7 @@ class ProgramSupervisor:
     losses: int
     """Number of programs that ended because of this machine."""
 
-    def __init__(self, config: DriverConfig, robot: RobotLink) -> None:
+    def __init__(self, config: DriverConfig, link: RobotLink) -> None:
         self.reverse = ReverseEndpoint(config.reverse_port)
         self.sender = ScriptSender(self.text, config.sender_port)
         self.trajectory = TrajectoryEndpoint(config.trajectory_port)
@@ -167,10 +167,10 @@ class ProgramSupervisor:
             config.keep_alive_timeout_s,
             config.realtime,
             config.hang_s,
-            robot.feed.standstill,
+            link.feed.standstill,
         )
         self._config = config
-        self._robot = robot
+        self._link = link
         self._own_address = ""
         self._has_played = False  # the robot's state has shown it running
         self.losses = 0
@@ -192,16 +192,16 @@ class ProgramSupervisor:
     async def __aenter__(self) -> Self:
         """Open the ports; the program is not started yet. Raises OSError for a port that is in use."""
         async with AsyncExitStack() as opening:
-            self._own_address = self._config.own_address or self._robot.own_address
-            self.reverse.period_s = self._robot.version.series.period_s
+            self._own_address = self._config.own_address or self._link.own_address
+            self.reverse.period_s = self._link.version.series.period_s
             for endpoint in self._endpoints:
                 endpoint.token = self._token
                 endpoint.host = self._own_address if self._config.listen_on is None else self._config.listen_on
                 await opening.enter_async_context(endpoint)
-            self._robot.on_silence.append(self._on_silence)
-            self._robot.on_text.append(self._on_text)
-            self._robot.on_modes.append(self._track_end)
-            self._track_end(self._robot.state)
+            self._link.on_silence.append(self._on_silence)
+            self._link.on_text.append(self._on_text)
+            self._link.on_modes.append(self._track_end)
+            self._track_end(self._link.state)
             opening.enter_context(self.keep_alive)
             opening.push_async_callback(cancel, asyncio.create_task(self._report_alive()))
             self._open = opening.pop_all()
@@ -211,7 +211,7 @@ class ProgramSupervisor:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the program, which stops the arm, and close the ports."""
-        self._robot.on_text.remove(self._on_text)  # a program that is lost from now on is not restarted
+        self._link.on_text.remove(self._on_text)  # a program that is lost from now on is not restarted
         try:
             with suppress(ProgramStaysError):
                 await self.stop()
@@ -230,7 +230,7 @@ class ProgramSupervisor:
     @property
     def _has_ended(self) -> bool:
         """Whether the program has ended by the robot's state, which may show it before the connection does."""
-        state = self._robot.state["runtime_state"]
+        state = self._link.state["runtime_state"]
         if not self._has_played and state in _PLAYED:
             self._has_played = True
         return self._has_played and state in _ENDED
@@ -261,7 +261,7 @@ class ProgramSupervisor:
 
     def text(self) -> str:
         """The program in the form that the URCap receives."""
-        return self.control_program().render(self._robot.version)
+        return self.control_program().render(self._link.version)
 
     async def start(self) -> None:
         """Start or restart the program, and wait until it is connected; see `URDriver.start_program`."""
@@ -278,13 +278,13 @@ class ProgramSupervisor:
         await self._end_old_program()
         self.keep_alive.stop_reason = ""
         self.keep_alive.report_alive()
-        await self._robot.clear_errors()
+        await self._link.clear_errors()
         self._starting = self._config.headless
         try:
             if self._config.headless:
                 # A paused program takes the new one's place and only ends (issue 123 of the official client library).
-                await self._robot.send_script(_STOP_LINE)
-                await self._robot.send_script(self.control_program().render_headless(self._robot.version))
+                await self._link.send_script(_STOP_LINE)
+                await self._link.send_script(self.control_program().render_headless(self._link.version))
             else:
                 await self._play()
             await self._wait_for_program()
@@ -302,25 +302,25 @@ class ProgramSupervisor:
     # starting
 
     def _check_modes(self) -> None:
-        if self._robot.safety_mode not in MOVABLE:
+        if self._link.safety_mode not in MOVABLE:
             raise RobotRefused(
                 "start of the control program",
-                f"its safety mode is {self._robot.safety_mode.name}: clear the cause, then unlock "
+                f"its safety mode is {self._link.safety_mode.name}: clear the cause, then unlock "
                 "(dashboard: unlock protective stop) or restart the safety system",
             )
-        if self._robot.robot_mode is not RobotMode.RUNNING:
+        if self._link.robot_mode is not RobotMode.RUNNING:
             raise RobotRefused(
                 "start of the control program",
-                f"its mode is {self._robot.robot_mode.name}: power it on and release the brakes",
+                f"its mode is {self._link.robot_mode.name}: power it on and release the brakes",
             )
 
     async def _end_old_program(self) -> None:
         if self.reverse.connected:
-            await self._robot.send_script(_STOP_LINE)
+            await self._link.send_script(_STOP_LINE)
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
 
     async def _play(self) -> None:
-        board = self._robot.dashboard
+        board = self._link.dashboard
         assert board is not None
         if self._config.program is not None:
             await board.request(dashboard.load(self._config.program))
@@ -334,7 +334,7 @@ class ProgramSupervisor:
 
     async def _wait_for_program(self) -> None:
         connected = asyncio.create_task(self.reverse.wait_connected(self._config.start_timeout_s))
-        failed = asyncio.create_task(self._robot.script_error())
+        failed = asyncio.create_task(self._link.script_error())
         try:
             await asyncio.wait((connected, failed), return_when=asyncio.FIRST_COMPLETED)
             if failed.done():
@@ -410,7 +410,7 @@ class ProgramSupervisor:
         disconnected = not self.reverse.connected
         if self._starting or self._played_since_s is None or not (disconnected or self._seen_ended):
             return
-        if self._robot.state["timestamp"] - self._played_since_s < _TOKEN_DELAY_S:
+        if self._link.state["timestamp"] - self._played_since_s < _TOKEN_DELAY_S:
             return  # this driver's program has not had time to send its token yet, by the robot's clock
         now_s = asyncio.get_running_loop().time()
         if (disconnected and not self._seen_ended and now_s - self._disconnected_s < _LINGER_S) or (
@@ -437,13 +437,13 @@ class ProgramSupervisor:
     def _on_text(self, text: str) -> None:
         """Handle the control program's messages about its driver."""
         if text == LATE_TEXT:
-            why = self._robot.feed.standstill.describe()
+            why = self._link.feed.standstill.describe()
             self.reverse.report_late(f"the robot waited too long for the next setpoint{why and f' ({why})'}")
         elif text == GONE_TEXT and not self.keep_alive.stop_reason and not self._start_stop_lock.locked():
             # While a program is being started or stopped, this text comes from the previous program. Restarting then
             # would end the program that the caller has just started.
             self.losses += 1
-            why = self._robot.feed.standstill.describe() or (
+            why = self._link.feed.standstill.describe() or (
                 f"{self.reverse.silence_s:.1f} s by this machine's clock, or the network failed"
             )
             self._loss_reason = f"the robot received nothing from this machine for too long ({why})"
@@ -456,8 +456,8 @@ class ProgramSupervisor:
         try:
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
             async with timeout(_END_TIMEOUT_S):
-                while self._robot.state["runtime_state"] != RuntimeState.STOPPED:
-                    await self._robot.next_state()
+                while self._link.state["runtime_state"] != RuntimeState.STOPPED:
+                    await self._link.next_state()
             self._restart = None  # from here on it is no longer cancelled, but waited for
             async with self._start_stop_lock:
                 await self._start()

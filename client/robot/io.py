@@ -50,11 +50,11 @@ class IO:
 
     async def set_int_register(self, number: int, value: int) -> None:
         """Write input register 0 to 47, for programs on the robot to read; 24 to 47 are reserved for clients."""
-        await self._driver.robot.write_inputs(**{f"input_int_register_{_register(number)}": value})
+        await self._driver.link.write_inputs(**{f"input_int_register_{_register(number)}": value})
 
     async def set_double_register(self, number: int, value: float) -> None:
         """Write input register 0 to 47, for programs on the robot to read; 24 to 47 are reserved for clients."""
-        await self._driver.robot.write_inputs(**{f"input_double_register_{_register(number)}": value})
+        await self._driver.link.write_inputs(**{f"input_double_register_{_register(number)}": value})
 
     @thread_safe
     def int_register(self, number: int) -> int:
@@ -69,10 +69,10 @@ class IO:
     async def _set_analog(self, number: int, domain: int, share: float) -> None:
         bit = 1 << _analog(number)
         values: dict[str, Any] = {"standard_analog_output_mask": bit, "standard_analog_output_type": domain * bit}
-        await self._driver.robot.write_inputs(**values, **{f"standard_analog_output_{number}": share})
+        await self._driver.link.write_inputs(**values, **{f"standard_analog_output_{number}": share})
 
     def _value(self, name: str) -> Any:
-        values = self._driver.robot.feed.fresh()
+        values = self._driver.link.feed.fresh()
         if name not in values:
             raise LocalProtocolError(
                 f"{name} is not received: request it when connecting, Robot(host, outputs=({name!r},))"

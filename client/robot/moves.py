@@ -195,13 +195,13 @@ class Moves:
         """Execute points as one trajectory. Raises OutOfReachError before anything moves."""
         moves = points_of(moves)
         await self._motion.ready(operation)
-        if reach := reach_of(self._driver.robot, self._motion.state.q_rad):
+        if reach := reach_of(self._driver.link, self._motion.state.q_rad):
             reach.check(operation, moves)
         self._points = moves
         await self._motion.launch(operation, partial(self._follow_points, operation, moves), wait)
 
     async def _follow_points(self, operation: str, moves: list[TrajectoryPoint]) -> None:
-        popups = self._driver.robot.popups
+        popups = self._driver.link.popups
         popups.clear()
         program = self._driver.program
         losses = program.losses
@@ -254,7 +254,7 @@ class Moves:
             try:
                 send(state)
             except LateSetpointError as late:
-                stood_still = self._driver.robot.feed.standstill.describe()
+                stood_still = self._driver.link.feed.standstill.describe()
                 if stood_still or waited_s < _LONG_WAIT_S:
                     why = f"{late.late} ({stood_still})" if stood_still else late.late
                     raise LateSetpointError(operation, why) from None
@@ -283,7 +283,7 @@ class Moves:
         motion. Raises MotionError if there is no contact within ``timeout_s``, by the robot's clock.
         """
         operation = "move_until_contact"
-        self._driver.robot.require("contact")
+        self._driver.link.require("contact")
         await self._motion.ready(operation)
         await self._motion.tune(operation, acceleration=acceleration_m_s2)
         self._points = ()

@@ -36,12 +36,12 @@ class PlannedMotion:
 
     async def model(self) -> RobotModel:
         """The arm for a `PlanningScene`, calibrated if the robot is. Raises PlanningError for an unknown arm."""
-        return require_model(self._driver.robot.configuration, await self._driver.robot.kinematics())
+        return require_model(self._driver.link.configuration, await self._driver.link.kinematics())
 
     @thread_safe
     def tcp_offset(self) -> Pose:
         """Flange to the robot's TCP. Raises PlanningError before the robot has reported it."""
-        state = self._driver.robot.primary_state
+        state = self._driver.link.primary_state
         if state is None or state.cartesian is None:
             raise PlanningError("the robot has not reported its TCP yet: give the tcp_offset")
         return state.cartesian.tcp_offset
@@ -139,7 +139,7 @@ class PlannedMotion:
         return ""
 
     async def _q_rad(self) -> Joints:
-        return RobotState(await self._driver.robot.fresh_state()).q_rad
+        return RobotState(await self._driver.link.fresh_state()).q_rad
 
     def _with_tcp(self, goal: "Goal") -> "Goal":
         from client.planning import CircGoal, GoalSet, PoseGoal

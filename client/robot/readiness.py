@@ -35,7 +35,7 @@ class Readiness:
         SafetyStopError while a safety stop is in effect, and RobotRefused if the robot refuses.
         """
         await self.diagnosis.refuse_in_stop("make_ready")
-        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
+        if self.driver.link.robot_mode is not RobotMode.RUNNING:
             await self._release_brakes()
         if program:
             if not self.driver.program_running or self.diagnosis.paused:
@@ -63,8 +63,8 @@ class Readiness:
         if self.driver.program_running:
             self._reported_running = True
             return
-        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
-            mode = self.driver.robot.robot_mode.name
+        if self.driver.link.robot_mode is not RobotMode.RUNNING:
+            mode = self.driver.link.robot_mode.name
             raise RobotRefused(operation, f"its mode is {mode}", "make_ready() powers it on and releases its brakes")
         if self._reported_running and (not self.driver.loss_reason or self.driver.keep_alive.stop_reason):
             raise await self.end_error(operation)
@@ -75,7 +75,7 @@ class Readiness:
 
         Raises RobotRefused for a robot in local control.
         """
-        link = self.driver.robot
+        link = self.driver.link
         link.reports.clear()
         link.popups.clear()
         await self._start_program(operation, self.driver.start_program())
@@ -107,17 +107,17 @@ class Readiness:
         return error
 
     async def _release_brakes(self) -> None:
-        if (board := self.driver.robot.dashboard) is not None:
+        if (board := self.driver.link.dashboard) is not None:
             await board.request(dashboard.BRAKE_RELEASE)
         else:
-            await self.driver.robot.send_script(_RUN_LINE)
+            await self.driver.link.send_script(_RUN_LINE)
         try:
             async with timeout(_POWER_UP_S):
-                while self.driver.robot.robot_mode is not RobotMode.RUNNING:
+                while self.driver.link.robot_mode is not RobotMode.RUNNING:
                     await self.diagnosis.next_state("make_ready")
                     self.diagnosis.check_safety("make_ready")
         except TimeoutError:
-            mode = self.driver.robot.robot_mode.name
+            mode = self.driver.link.robot_mode.name
             advice = f"check the pendant; e-Series: {_REMOTE}"
             raise RobotRefused("brake release", f"after {_POWER_UP_S:g} s its mode is {mode}", advice) from None
 

@@ -160,7 +160,7 @@ class AsyncRobot:
 
     @property
     def _fresh(self) -> RobotState:
-        return RobotState.of(self.driver.robot.feed.fresh())
+        return RobotState.of(self.driver.link.feed.fresh())
 
     @property
     def q(self) -> Joints:
@@ -188,7 +188,7 @@ class AsyncRobot:
 
         Raises RobotRefused if the robot has not reported its geometry yet, or if its geometry is unknown.
         """
-        link = self.driver.robot
+        link = self.driver.link
         arm, state = link.configuration, link.primary_state
         geometry = None if arm is None else geometry_of(arm, link.calibration)
         if geometry is None or state is None or state.cartesian is None:

@@ -342,7 +342,7 @@ class AsyncRobot:
         """Bring the arm to rest, and return when it is; a caller waiting for the motion gets MotionStoppedError.
 
         The control program continues and accepts the next motion. This stops motions that were started by this object;
-        to stop another program, use ``driver.robot.send_script("stop program")``.
+        to stop another program, use ``driver.link.send_script("stop program")``.
         """
     @property
     def stream(self) -> StreamStatistics:

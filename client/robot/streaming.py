@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from client.driver.control_program import SPEED_ACCELERATION
 from client.driver.endpoint import MAX_REAL_TIME_S, StreamStatistics, read_timeout_ms
-from client.driver.robot import MOVABLE
+from client.driver.link import MOVABLE
 from client.driver.scheduling import real_time
 from client.errors import ClientError, LateSetpointError, MotionError, MotionStoppedError
 from client.robot.motion import MotionRunner
@@ -31,8 +31,8 @@ class Follow:
 
     def __init__(self, motion: MotionRunner, operation: str, send: Callable[[Sequence[float]], None]) -> None:
         self._motion = motion
-        self._link = motion.driver.robot
-        self._feed = motion.driver.robot.feed
+        self._link = motion.driver.link
+        self._feed = motion.driver.link.feed
         self._silence_s = motion.driver.config.silence_s
         self._operation = operation
         self._send = send
@@ -179,7 +179,7 @@ class Streams:
         read_timeout_ms(ControlMode.SERVOJ, timeout_s, reverse.period_s)
         async with self._motion.exclusive(operation):
             await self._motion.tune(operation, **tuning)
-            self._driver.robot.popups.clear()
+            self._driver.link.popups.clear()
             yield Follow(self._motion, operation, lambda setpoint: send(setpoint, timeout_s))
             if why := reverse.pop_late_reason():
                 raise LateSetpointError(operation, why)

@@ -105,14 +105,14 @@ async def test_a_goal_survives_a_protective_stop(robot):
         goal = moved(0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
         handle = bench.controller(SCALED).send_goal(way((1.0, goal)))
         await bench.after(0.5)
-        await bench.driver.robot.send_script("sec hit():\n  protective_stop()\nend")
+        await bench.driver.link.send_script("sec hit():\n  protective_stop()\nend")
         await bench.until(lambda: bench.driver.protective_stopped and bench.at_rest)
         await bench.after(0.1)
         stood, waited = bench.q, bench.controller(SCALED).progress
         assert 0.3 < waited < 0.9
         await bench.after(5.2)  # before that the robot does not unlock
         assert (bench.q, bench.controller(SCALED).progress) == (pytest.approx(stood, abs=1e-3), waited)
-        board = bench.driver.robot.dashboard
+        board = bench.driver.link.dashboard
         await board.request(dashboard.UNLOCK_PROTECTIVE_STOP)
         await board.request(dashboard.PLAY)
         assert (await bench.loop.result(handle)).error_code is ErrorCode.SUCCESSFUL
@@ -127,7 +127,7 @@ async def test_a_goal_survives_a_new_program_after_a_protective_stop():
         goal = moved(-0.4, 0.0, 0.0, 0.0, 0.0, 0.0)
         handle = bench.controller(SCALED).send_goal(way((1.0, goal)))
         await bench.after(0.5)
-        await bench.driver.robot.send_script("sec hit():\n  protective_stop()\nend")
+        await bench.driver.link.send_script("sec hit():\n  protective_stop()\nend")
         await bench.until(lambda: bench.driver.protective_stopped)
         await bench.driver.recover()
         assert (await bench.loop.result(handle)).error_code is ErrorCode.SUCCESSFUL
