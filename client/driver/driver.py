@@ -236,11 +236,6 @@ class URDriver:
         self.reverse.freedrive(FreedriveAction.START, self.config.keep_alive_timeout_s)
 
     @thread_safe
-    def keep_freedrive(self) -> None:
-        """Keep freedrive active; the driver also does this by itself."""
-        self.reverse.freedrive(FreedriveAction.NOOP, self.config.keep_alive_timeout_s)
-
-    @thread_safe
     def stop_freedrive(self) -> None:
         """End freedrive; the arm holds its position."""
         self.reverse.freedrive(FreedriveAction.STOP, self.config.keep_alive_timeout_s)
