@@ -27,7 +27,7 @@ from table import Table
 from client import BlockingRTDEClient
 from client.blocking import Blocking
 from client.driver import URDriver
-from client.driver.endpoint import MAX_REAL_TIME_S
+from client.driver.reverse import MAX_REAL_TIME_S
 from urproto.compat import Self
 
 SAMPLES: Final = 200

@@ -139,7 +139,7 @@ async def execute(model: str, place: str, plans: Sequence[Plan], meshes: Path | 
     clearance = Clearance(load_model(model), scene)
     taken, driven = 0, list[tuple[float, ...]]()
     async with emulator(model, speed=SPEED) as robot:
-        with mock.patch("client.driver.endpoint.time", robot.clock):
+        with mock.patch("client.driver.reverse.time", robot.clock):
             async with Lab(robot).arm as arm:
                 for plan in plans:
                     await arm.move_j(plan.path[0], speed_rad_s=3.0)

@@ -16,8 +16,8 @@ from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
 from client.controllers.ur_execution import PassthroughExecution, PrimitivesExecution, RobotExecution
 from client.controllers.ur_states import URStates
 from client.driver.availability import refusal
-from client.driver.endpoint import MAX_REAL_TIME_S
 from client.driver.link import MOVABLE
+from client.driver.reverse import MAX_REAL_TIME_S
 from client.errors import ControllerError, LateSetpointError
 from urproto.errors import LocalProtocolError, URError
 from urproto.joints import JOINT_NAMES

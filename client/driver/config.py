@@ -7,9 +7,10 @@ from typing import Final
 from client import dashboard, primary, robotapi, rtde
 from client.calibration import parameters
 from client.driver.control_program import ToolCommunicationSettings
-from client.driver.endpoint import KEEP_ALIVE_TIMEOUT_S, MAX_REAL_TIME_S, REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
+from client.driver.reverse import KEEP_ALIVE_TIMEOUT_S, MAX_REAL_TIME_S, REVERSE_PORT
 from client.driver.scheduling import RealTime
+from client.driver.script_sender import SENDER_PORT
 from client.quantities import check_fields
 from urproto import robots
 from urproto.modes import KinematicsStatus

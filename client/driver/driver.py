@@ -13,10 +13,12 @@ from typing import Any
 from client.blocking import thread_safe
 from client.driver.config import DriverConfig, calibration_problem
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
-from client.driver.endpoint import MAX_REAL_TIME_S, ReverseEndpoint, ScriptSender
+from client.driver.keep_alive import KeepAliveThread
 from client.driver.link import RobotLink
-from client.driver.program import KeepAliveThread, ProgramSupervisor
+from client.driver.program import ProgramSupervisor
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
+from client.driver.reverse import MAX_REAL_TIME_S, ReverseEndpoint
+from client.driver.script_sender import ScriptSender
 from client.driver.trajectories import Trajectories
 from client.quantities import checked
 from client.rtde import ReceivedState

@@ -10,7 +10,7 @@ from typing import Final
 
 from client.driver import points
 from client.driver.control_program import SPEED_ACCELERATION
-from client.driver.endpoint import MAX_REAL_TIME_S
+from client.driver.reverse import MAX_REAL_TIME_S
 from client.errors import LateSetpointError, MotionError, MotionStoppedError, NoAnswerError
 from client.quantities import QUANTITIES, points_of
 from client.robot.motion import MotionRunner

@@ -8,8 +8,8 @@ from functools import partial
 from typing import Any, Final
 
 from client.driver.control_program import SPEED_ACCELERATION
-from client.driver.endpoint import MAX_REAL_TIME_S, StreamStatistics, read_timeout_ms
 from client.driver.link import MOVABLE
+from client.driver.reverse import MAX_REAL_TIME_S, StreamStatistics, read_timeout_ms
 from client.driver.scheduling import real_time
 from client.errors import ClientError, LateSetpointError, MotionError, MotionStoppedError
 from client.robot.motion import MotionRunner

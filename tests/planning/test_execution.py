@@ -33,7 +33,7 @@ from client.planning import (
 async def laboratory(model: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[tuple[Lab, PlanningScene]]:
     """An arm that is ready, at twice real time, and its empty scene."""
     async with emulator(model, speed=2.0) as robot:
-        monkeypatch.setattr("client.driver.endpoint.time", robot.clock)
+        monkeypatch.setattr("client.driver.reverse.time", robot.clock)
         lab = Lab(robot)
         async with lab.arm as arm:
             yield lab, PlanningScene(await arm.planning.model())
