@@ -21,7 +21,7 @@ from collections.abc import Callable, Coroutine, Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial, update_wrapper
+from functools import partial
 from types import TracebackType
 from typing import Any, Concatenate, Final, Generic, Literal, ParamSpec, TypeVar, overload
 
@@ -381,7 +381,7 @@ class FlowMethod(Generic[Params, Result]):
 
     def __init__(self, method: Callable[Concatenate[Any, Params], Flow[Result]]) -> None:
         self._method = method
-        update_wrapper(self, method)
+        self.__doc__ = method.__doc__
 
     @overload
     def __get__(self, connection: None, kind: type) -> Self: ...

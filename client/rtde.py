@@ -496,12 +496,12 @@ class _RTDE(Connection):
         return self.core.latest()
 
     @FlowMethod
-    def send(self, **values: Any) -> Flow[None]:
+    def send(self, /, **values: Any) -> Flow[None]:
         """Write inputs; the names must be exactly the variables of one input recipe."""
         return self.core.send(values)
 
     @FlowMethod
-    def write(self, **values: Any) -> Flow[None]:
+    def write(self, /, **values: Any) -> Flow[None]:
         """Write some inputs; the other variables of their recipes keep their last values, and masks are 0."""
         return self.core.write(values)
 

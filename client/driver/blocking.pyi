@@ -47,8 +47,6 @@ class BlockingURDriver(Blocking[URDriver]):
         """
     def idle(self) -> None:
         """Bring the arm to rest and keep the program running, for as long as the driver lives."""
-    def keep_freedrive(self) -> None:
-        """Keep freedrive active; the driver also does this by itself."""
     @property
     def loss_reason(self) -> str:
         """Why the last control program ended, if this machine was the cause; otherwise empty."""

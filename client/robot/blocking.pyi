@@ -4,14 +4,14 @@
 from client.blocking import Blocking
 from client.dashboard_commands import Operation
 from client.driver.blocking import BlockingURDriver
-from client.driver.endpoint import StreamStatistics
+from client.driver.reverse import StreamStatistics
 from client.planning import CartesianPath, Goal, MotionSequenceItem, Plan, PlanningScene
 from client.robot.contact import Contact, Force
 from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics, Matrix, Numbers
 from client.robot.moves import MotionProgress
 from client.robot.planned import PlannedMotion
-from client.robot.programs import Answer, Dashboard, Programs
+from client.robot.programs import Answer, Dashboard, RobotPrograms
 from client.robot.robot import AsyncRobot
 from client.robot.state import RobotState
 from client.robot.streaming import BlockingFollow, Follow
@@ -186,7 +186,7 @@ class BlockingIO(Blocking[IO]):
     def set_tool_voltage(self, volts: int) -> None:
         """Set the supply voltage at the tool: 0, 12 or 24 V."""
 
-class BlockingPrograms(Blocking[Programs]):
+class BlockingRobotPrograms(Blocking[RobotPrograms]):
     """Runs programs other than the control program.
 
     A robot runs one program at a time, so the control program is stopped first and started again afterwards.
@@ -293,7 +293,7 @@ class Robot(Blocking[AsyncRobot]):
     def io(self) -> BlockingIO:
         """Analog signals, tool voltage and registers."""
     @property
-    def programs(self) -> BlockingPrograms:
+    def programs(self) -> BlockingRobotPrograms:
         """Programs other than the control program."""
     @property
     def dashboard(self) -> BlockingDashboard:

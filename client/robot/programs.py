@@ -20,7 +20,7 @@ Answer = TypeVar("Answer")
 
 
 @checked
-class Programs:
+class RobotPrograms:
     """Runs programs other than the control program.
 
     A robot runs one program at a time, so the control program is stopped first and started again afterwards.

@@ -16,7 +16,7 @@ from client.robot.kinematics import Dynamics, Kinematics
 from client.robot.motion import MotionRunner
 from client.robot.moves import Moves
 from client.robot.planned import PlannedMotion
-from client.robot.programs import Dashboard, Programs
+from client.robot.programs import Dashboard, RobotPrograms
 from client.robot.queries import Queries
 from client.robot.readiness import Readiness
 from client.robot.settings import Settings
@@ -106,7 +106,7 @@ class AsyncRobot:
     """Motions planned around obstacles."""
     io: IO
     """Analog signals, tool voltage and registers."""
-    programs: Programs
+    programs: RobotPrograms
     """Programs other than the control program."""
     dashboard: Dashboard
     """The robot's dashboard."""
@@ -129,7 +129,7 @@ class AsyncRobot:
         self.force = Force(self._readiness)
         self.planning = PlannedMotion(self._motion, self._moves)
         self.io = IO(self.driver)
-        self.programs = Programs(self._motion)
+        self.programs = RobotPrograms(self._motion)
         self.dashboard = Dashboard(self.driver)
 
     async def __aenter__(self) -> Self:

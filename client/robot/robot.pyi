@@ -2,14 +2,14 @@
 """`AsyncRobot`: the complete interface to an arm, in one class; the neighbouring modules implement it."""
 
 from client.driver.driver import URDriver
-from client.driver.endpoint import StreamStatistics
+from client.driver.reverse import StreamStatistics
 from client.planning import Goal, PlanningScene
 from client.robot.contact import Contact, Force
 from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics
 from client.robot.moves import MotionProgress
 from client.robot.planned import PlannedMotion
-from client.robot.programs import Dashboard, Programs
+from client.robot.programs import Dashboard, RobotPrograms
 from client.robot.state import RobotState
 from client.robot.streaming import Follow
 from collections.abc import Callable, Iterable, Sequence
@@ -71,7 +71,7 @@ class AsyncRobot:
     """Motions planned around obstacles."""
     io: IO
     """Analog signals, tool voltage and registers."""
-    programs: Programs
+    programs: RobotPrograms
     """Programs other than the control program."""
     dashboard: Dashboard
     """The robot's dashboard."""
