@@ -16,5 +16,5 @@ class BlockingURDriver(Blocking[URDriver]):
 
     def next_state(self) -> ReceivedState:
         """The RTDE state after the newest one."""
-        feed = self.inner.robot.feed
+        feed = self.inner.link.feed
         return feed.wait(feed.count, self.inner.config.silence_s)
