@@ -25,9 +25,9 @@ from rtde_control import RTDEControlInterface
 from table import Table
 
 from client import BlockingRTDEClient
+from client.blocking import Blocking
 from client.driver import URDriver
-from client.driver.blocking import Blocking, blocking
-from client.driver.endpoint import MAX_REAL_TIME_S
+from client.driver.reverse import MAX_REAL_TIME_S
 from urproto.compat import Self
 
 SAMPLES: Final = 200
@@ -71,14 +71,14 @@ class Servo(URDriver):
 
 
 class BlockingServo(Blocking[Servo]):
-    command = blocking(Servo.command)
+    """Blocking form of `Servo`."""
 
 
 @contextmanager
 def our_driver(host: str, period_s: float) -> Iterator[Command]:
     """`client.URDriver` with the control program of this project."""
     ports = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
-    with BlockingServo(lambda: Servo(host, outputs=("actual_q",), **ports)) as servo:
+    with BlockingServo(host, outputs=("actual_q",), **ports) as servo:
         yield servo.command
 
 

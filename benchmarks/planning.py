@@ -139,12 +139,12 @@ async def execute(model: str, place: str, plans: Sequence[Plan], meshes: Path | 
     clearance = Clearance(load_model(model), scene)
     taken, driven = 0, list[tuple[float, ...]]()
     async with emulator(model, speed=SPEED) as robot:
-        with mock.patch("client.driver.endpoint.time", robot.clock):
+        with mock.patch("client.driver.reverse.time", robot.clock):
             async with Lab(robot).arm as arm:
                 for plan in plans:
                     await arm.move_j(plan.path[0], speed_rad_s=3.0)
                     driven.append(arm.q)
-                    listeners = arm.driver.robot.on_state
+                    listeners = arm.driver.link.on_state
                     listeners.append(note := lambda state: driven.append(tuple(state["actual_q"])))
                     await arm.planning.execute(plan)
                     listeners.remove(note)

@@ -9,25 +9,27 @@ The logic is a *flow*: a generator that yields requests and returns its result. 
 - Reconnect to continue over a new connection.
 
 Errors are raised inside the flow, at its yield: a flow may catch a ClientError, explain it, or recover with Reconnect.
-Both wrappers run the same flows, so no logic is duplicated.
+Both wrappers run the same flows, so no logic is duplicated. `FlowMethod` makes a method
+of both from one that returns a flow.
 """
 
 import asyncio
 import socket
 import struct
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Coroutine, Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from types import TracebackType
-from typing import Final, Generic, Literal, TypeVar
+from typing import Any, Concatenate, Final, Generic, Literal, ParamSpec, TypeVar, overload
 
 from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 
+Params = ParamSpec("Params")
 Result = TypeVar("Result")
 
 DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a dashboard "load"
@@ -372,6 +374,26 @@ class BlockingConnection(Connection):
                 if time.monotonic() + _RETRY_S > deadline:
                     raise
             time.sleep(_RETRY_S)
+
+
+class FlowMethod(Generic[Params, Result]):
+    """A decorator: a method that returns a flow becomes one that runs it, as its class does: awaited, or blocking."""
+
+    def __init__(self, method: Callable[Concatenate[Any, Params], Flow[Result]]) -> None:
+        self._method = method
+        self.__doc__ = method.__doc__
+
+    @overload
+    def __get__(self, connection: None, kind: type) -> Self: ...
+    @overload
+    def __get__(self, connection: AsyncConnection, kind: type) -> Callable[Params, Coroutine[Any, Any, Result]]: ...
+    @overload
+    def __get__(self, connection: BlockingConnection, kind: type) -> Callable[Params, Result]: ...
+    def __get__(self, connection: AsyncConnection | BlockingConnection | None, kind: type) -> Any:
+        if connection is None:
+            return self
+        run, method = connection.run, self._method
+        return lambda *args, **kwargs: run(method(connection, *args, **kwargs))
 
 
 def _time_value(seconds: float) -> bytes:

@@ -23,8 +23,9 @@ from typing import Final
 from client import dashboard, primary, realtime, robotapi, rtde
 from client.calibration import calibration_of, is_nominal, read_calibration
 from client.connection import DEFAULT_TIMEOUT_S
-from client.driver.endpoint import REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
+from client.driver.reverse import REVERSE_PORT
+from client.driver.script_sender import SENDER_PORT
 from client.errors import FileError
 from urproto.compat import StrEnum
 from urproto.dashboard import GREETING, LineDecoder, encode_line, is_not_understood

@@ -14,7 +14,7 @@ request that the robot refuses raises RobotRefused.
 from collections.abc import Sequence
 from typing import Final
 
-from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Flow
+from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Connection, Flow, FlowMethod
 from urproto.errors import RobotRefused
 from urproto.modbus import (
     ExceptionCode,
@@ -57,27 +57,12 @@ class ModbusCore:
         self._decoder = FrameDecoder()
         yield from ()
 
-    def read_registers(self, address: int, count: int) -> Flow[tuple[int, ...]]:
-        """Read up to 125 registers (words), starting at ``address``."""
-        return self._request(ModbusRequest(Function.READ_HOLDING_REGISTERS, address, count))
+    def write(self, request: ModbusRequest) -> Flow[None]:
+        """Carry out a request to write."""
+        yield from self.request(request)
 
-    def write_registers(self, address: int, words: Sequence[int]) -> Flow[tuple[int, ...]]:
-        """Write up to 123 registers (words), starting at ``address``."""
-        return self._request(ModbusRequest(Function.WRITE_REGISTERS, address, values=tuple(words)))
-
-    def write_register(self, address: int, word: int) -> Flow[tuple[int, ...]]:
-        """Write one register (word)."""
-        return self._request(ModbusRequest(Function.WRITE_REGISTER, address, values=(word,)))
-
-    def read_coils(self, address: int, count: int) -> Flow[tuple[int, ...]]:
-        """Read up to 2000 coils (bits), starting at ``address``."""
-        return self._request(ModbusRequest(Function.READ_COILS, address, count))
-
-    def write_coil(self, address: int, level: bool) -> Flow[tuple[int, ...]]:
-        """Write one coil (bit)."""
-        return self._request(ModbusRequest(Function.WRITE_COIL, address, values=(int(level),)))
-
-    def _request(self, request: ModbusRequest) -> Flow[tuple[int, ...]]:
+    def request(self, request: ModbusRequest) -> Flow[tuple[int, ...]]:
+        """Carry out one request, and return the values of its answer."""
         transaction = self._transaction = (self._transaction + 1) & 0xFFFF
         yield encode_frame(Frame(transaction, _UNIT, encode_request(request)))
         while True:
@@ -95,63 +80,45 @@ def _answer(request: ModbusRequest, pdu: bytes) -> tuple[int, ...]:
         raise RobotRefused(title, f"exception {name}", advice) from error
 
 
-class ModbusClient(AsyncConnection):
+class _Modbus(Connection):
+    """The operations of the asynchronous and the blocking client."""
+
+    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        super().__init__(host, port, timeout_s)
+        self.core = ModbusCore()
+
+    def _opening(self) -> Flow[None]:
+        return self.core.start()
+
+    @FlowMethod
+    def read_registers(self, address: int, count: int = 1) -> Flow[tuple[int, ...]]:
+        """Read up to 125 registers (words), starting at ``address``."""
+        return self.core.request(ModbusRequest(Function.READ_HOLDING_REGISTERS, address, count))
+
+    @FlowMethod
+    def write_registers(self, address: int, words: Sequence[int]) -> Flow[None]:
+        """Write up to 123 registers (words), starting at ``address``."""
+        return self.core.write(ModbusRequest(Function.WRITE_REGISTERS, address, values=tuple(words)))
+
+    @FlowMethod
+    def write_register(self, address: int, word: int) -> Flow[None]:
+        """Write one register (word)."""
+        return self.core.write(ModbusRequest(Function.WRITE_REGISTER, address, values=(word,)))
+
+    @FlowMethod
+    def read_coils(self, address: int, count: int = 1) -> Flow[tuple[int, ...]]:
+        """Read up to 2000 coils (bits), starting at ``address``."""
+        return self.core.request(ModbusRequest(Function.READ_COILS, address, count))
+
+    @FlowMethod
+    def write_coil(self, address: int, level: bool) -> Flow[None]:
+        """Write one coil (bit)."""
+        return self.core.write(ModbusRequest(Function.WRITE_COIL, address, values=(int(level),)))
+
+
+class ModbusClient(_Modbus, AsyncConnection):
     """Modbus client for asyncio programs; use it with ``async with``, from one task at a time."""
 
-    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        super().__init__(host, port, timeout_s)
-        self.core = ModbusCore()
 
-    async def read_registers(self, address: int, count: int = 1) -> tuple[int, ...]:
-        """Read up to 125 registers (words), starting at ``address``."""
-        return await self.run(self.core.read_registers(address, count))
-
-    async def write_registers(self, address: int, words: Sequence[int]) -> None:
-        """Write up to 123 registers (words), starting at ``address``."""
-        await self.run(self.core.write_registers(address, words))
-
-    async def write_register(self, address: int, word: int) -> None:
-        """Write one register (word)."""
-        await self.run(self.core.write_register(address, word))
-
-    async def read_coils(self, address: int, count: int = 1) -> tuple[int, ...]:
-        """Read up to 2000 coils (bits), starting at ``address``."""
-        return await self.run(self.core.read_coils(address, count))
-
-    async def write_coil(self, address: int, level: bool) -> None:
-        """Write one coil (bit)."""
-        await self.run(self.core.write_coil(address, level))
-
-    def _opening(self) -> Flow[None]:
-        return self.core.start()
-
-
-class BlockingModbusClient(BlockingConnection):
+class BlockingModbusClient(_Modbus, BlockingConnection):
     """Modbus client for scripts and notebooks; use it with ``with``."""
-
-    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        super().__init__(host, port, timeout_s)
-        self.core = ModbusCore()
-
-    def read_registers(self, address: int, count: int = 1) -> tuple[int, ...]:
-        """Read up to 125 registers (words), starting at ``address``."""
-        return self.run(self.core.read_registers(address, count))
-
-    def write_registers(self, address: int, words: Sequence[int]) -> None:
-        """Write up to 123 registers (words), starting at ``address``."""
-        self.run(self.core.write_registers(address, words))
-
-    def write_register(self, address: int, word: int) -> None:
-        """Write one register (word)."""
-        self.run(self.core.write_register(address, word))
-
-    def read_coils(self, address: int, count: int = 1) -> tuple[int, ...]:
-        """Read up to 2000 coils (bits), starting at ``address``."""
-        return self.run(self.core.read_coils(address, count))
-
-    def write_coil(self, address: int, level: bool) -> None:
-        """Write one coil (bit)."""
-        self.run(self.core.write_coil(address, level))
-
-    def _opening(self) -> Flow[None]:
-        return self.core.start()

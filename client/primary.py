@@ -73,10 +73,6 @@ UNLOCK_PROTECTIVE_STOP = TextCommand(
     "wait until 5 s after the stop and find its cause; " + _PROGRAM,
 )
 STOP_PROGRAM = TextCommand("stop program", lambda state: not state.program_running, _SOON_S, _PROGRAM)
-PAUSE_PROGRAM = TextCommand(
-    "pause program", lambda state: state.program_paused or not state.program_running, _SOON_S, _PROGRAM
-)
-RESUME_PROGRAM = TextCommand("resume program", lambda state: not state.program_paused, _SOON_S, _SAFETY)
 SIMULATE = TextCommand("set sim", lambda state: not state.real_robot_enabled, _SOON_S, _STANDING)
 REAL_ROBOT = TextCommand("set real", lambda state: state.real_robot_enabled, _SOON_S, _STANDING)
 
@@ -139,12 +135,6 @@ class PrimaryCore:
     def configuration_data(self) -> Flow[ConfigurationData]:
         """The arm's type, limits and defaults; waits until they are received."""
         return (yield from self._wait_for(lambda: self.configuration))
-
-    def take_errors(self) -> list[ErrorCodeMessage]:
-        """Return the error codes received since the last call, oldest first; reads nothing from the connection."""
-        taken = list(self.errors)
-        self.errors.clear()
-        return taken
 
     # scripts
 

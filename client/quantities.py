@@ -190,11 +190,14 @@ def checked(kind: type[Checked]) -> type[Checked]:
             setattr(kind, name, staticmethod(checked_call(member.__func__)))
         elif inspect.isfunction(member):
             setattr(kind, name, checked_call(member))
+    kind.__checked__ = True  # type: ignore[attr-defined]
     return kind
 
 
 def checked_call(function: Function) -> Function:
     """Check the arguments of a function, plain or async; see `checked`."""
+    if hasattr(function, "__checked__"):
+        return function
     parameters = inspect.signature(function).parameters
     checks = {name: check for name, one in parameters.items() if (check := check_of(one)) is not None}
     if not checks:
@@ -224,6 +227,7 @@ def checked_call(function: Function) -> Function:
             check_all(args, kwargs)
             return await function(*args, **kwargs)
 
+        call.__dict__["__checked__"] = True
         return cast(Function, call)
 
     @wraps(function)
@@ -231,6 +235,7 @@ def checked_call(function: Function) -> Function:
         check_all(args, kwargs)
         return function(*args, **kwargs)
 
+    call_plain.__dict__["__checked__"] = True
     return cast(Function, call_plain)
 
 

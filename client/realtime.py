@@ -9,7 +9,7 @@ that RTDE offers.
 
 from collections import deque
 
-from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Connection, Flow
+from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Connection, Flow, FlowMethod
 from urproto.realtime import RealtimeDecoder, RealtimeState
 
 PORT = 30003
@@ -38,7 +38,7 @@ class RealtimeCore:
 
 
 class _Realtime(Connection):
-    """Common part of the asynchronous and the blocking client."""
+    """The operations of the asynchronous and the blocking client."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
@@ -47,18 +47,15 @@ class _Realtime(Connection):
     def _opening(self) -> Flow[None]:
         return self.core.opening()
 
+    @FlowMethod
+    def receive(self) -> Flow[RealtimeState]:
+        """The next state, by variable name; states come in order, and none is skipped."""
+        return self.core.receive()
+
 
 class RealtimeClient(_Realtime, AsyncConnection):
     """Client for the realtime interface, for asyncio programs; use it with ``async with``."""
 
-    async def receive(self) -> RealtimeState:
-        """The next state, by variable name; states come in order, and none is skipped."""
-        return await self.run(self.core.receive())
-
 
 class BlockingRealtimeClient(_Realtime, BlockingConnection):
     """Client for the realtime interface, for scripts and notebooks; use it with ``with``."""
-
-    def receive(self) -> RealtimeState:
-        """The next state, by variable name; states come in order, and none is skipped."""
-        return self.run(self.core.receive())

@@ -19,7 +19,16 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
-from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow, Reconnect
+from client.connection import (
+    DEFAULT_TIMEOUT_S,
+    POLL,
+    AsyncConnection,
+    BlockingConnection,
+    Connection,
+    Flow,
+    FlowMethod,
+    Reconnect,
+)
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.rtde import codec
@@ -453,8 +462,8 @@ def _advice(types: tuple[str, ...]) -> str:
     return "this controller's version does not have it: leave it out, or ignore unavailable outputs"
 
 
-class _Recipes(Connection):
-    """Common part of the asynchronous and the blocking client."""
+class _RTDE(Connection):
+    """The operations of the asynchronous and the blocking client."""
 
     def __init__(
         self,
@@ -476,53 +485,52 @@ class _Recipes(Connection):
     def _opening(self) -> Flow[None]:
         return self.core.start()
 
+    @FlowMethod
+    def receive(self) -> Flow[State]:
+        """The next state, by variable name; states come in order, and none is skipped."""
+        return self.core.receive()
 
-class RTDEClient(_Recipes, AsyncConnection):
+    @FlowMethod
+    def latest(self) -> Flow[State]:
+        """The newest state that has arrived; older ones are skipped. Waits if none has arrived since the last call."""
+        return self.core.latest()
+
+    @FlowMethod
+    def send(self, /, **values: Any) -> Flow[None]:
+        """Write inputs; the names must be exactly the variables of one input recipe."""
+        return self.core.send(values)
+
+    @FlowMethod
+    def write(self, /, **values: Any) -> Flow[None]:
+        """Write some inputs; the other variables of their recipes keep their last values, and masks are 0."""
+        return self.core.write(values)
+
+    @FlowMethod
+    def pause(self) -> Flow[None]:
+        """Stop the stream of states until ``resume``."""
+        return self.core.pause()
+
+    @FlowMethod
+    def resume(self) -> Flow[None]:
+        """Resume the stream of states."""
+        return self.core.resume()
+
+    @FlowMethod
+    def reconnect(self, within_s: float = _RECONNECT_S) -> Flow[None]:
+        """Reconnect after a loss, with the same recipes; the stream stays paused if it was."""
+        return self.core.reconnect(within_s)
+
+
+class RTDEClient(_RTDE, AsyncConnection):
     """RTDE client for asyncio programs; use it with ``async with``.
 
     Entering the context connects, sets up the recipes and starts the stream of states. One task may receive while
     others write. Options are those of `RTDECore`.
     """
 
-    async def receive(self) -> State:
-        """The next state, by variable name; states come in order, and none is skipped."""
-        return await self.run(self.core.receive())
 
-    async def latest(self) -> State:
-        """The newest state that has arrived; older ones are skipped. Waits if none has arrived since the last call."""
-        return await self.run(self.core.latest())
-
-    async def send(self, **values: Any) -> None:
-        """Write inputs; the names must be exactly the variables of one input recipe."""
-        await self.run(self.core.send(values))
-
-    async def write(self, **values: Any) -> None:
-        """Write some inputs; the other variables of their recipes keep their last values, and masks are 0."""
-        await self.run(self.core.write(values))
-
-    async def pause(self) -> None:
-        """Stop the stream of states until ``resume``."""
-        await self.run(self.core.pause())
-
-    async def resume(self) -> None:
-        """Resume the stream of states."""
-        await self.run(self.core.resume())
-
-    async def reconnect(self, within_s: float = _RECONNECT_S) -> None:
-        """Reconnect after a loss, with the same recipes; the stream stays paused if it was."""
-        await self.run(self.core.reconnect(within_s))
-
-
-class BlockingRTDEClient(_Recipes, BlockingConnection):
+class BlockingRTDEClient(_RTDE, BlockingConnection):
     """Blocking counterpart of `RTDEClient`, for scripts, notebooks and control loops; use it with ``with``."""
-
-    def receive(self) -> State:
-        """The next state, by variable name; states come in order, and none is skipped."""
-        return self.run(self.core.receive())
-
-    def latest(self) -> State:
-        """The newest state that has arrived; older ones are skipped. Waits if none has arrived since the last call."""
-        return self.run(self.core.latest())
 
     def states(self, silence_s: float) -> Iterator[ReceivedState]:
         """Yield every state from now on, with as little overhead as possible; meant for a dedicated thread.
@@ -532,23 +540,3 @@ class BlockingRTDEClient(_Recipes, BlockingConnection):
         yield from self.core.take(b"", time.monotonic())
         for data in self.chunks(silence_s):
             yield from self.core.take(data, time.monotonic())
-
-    def send(self, **values: Any) -> None:
-        """Write inputs; the names must be exactly the variables of one input recipe."""
-        self.run(self.core.send(values))
-
-    def write(self, **values: Any) -> None:
-        """Write some inputs; the other variables of their recipes keep their last values, and masks are 0."""
-        self.run(self.core.write(values))
-
-    def pause(self) -> None:
-        """Stop the stream of states until ``resume``."""
-        self.run(self.core.pause())
-
-    def resume(self) -> None:
-        """Resume the stream of states."""
-        self.run(self.core.resume())
-
-    def reconnect(self, within_s: float = _RECONNECT_S) -> None:
-        """Reconnect after a loss, with the same recipes; the stream stays paused if it was."""
-        self.run(self.core.reconnect(within_s))

@@ -1,4 +1,4 @@
-"""Writes docs/reference/, the tables that readers look something up in, from the code.
+"""Writes what comes from the code: docs/reference/, tables that readers look something up in, and stubs in client/.
 
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
@@ -87,6 +87,7 @@ def pages() -> dict[str, Callable[[], str]]:
         "program_nodes.md": program_nodes,
         "guesses.md": guesses,
         "ros2_interfaces.md": ros2_interfaces,
+        **{f"../{path}": write for path, write in runpy.run_path(str(DOCS / "stubs.py"))["texts"]().items()},
     }
 
 

@@ -9,7 +9,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from client.controllers import JOINT_NAMES, ControlledRobot, ErrorCode, JointTrajectory, JointTrajectoryPoint
+from client.controllers import JOINT_NAMES, ErrorCode, JointTrajectory, JointTrajectoryPoint, RobotControl
 from client.controllers.goal_files import read_goals
 from client.recording import draw, read
 
@@ -27,14 +27,14 @@ def to(point: JointTrajectoryPoint) -> JointTrajectory:
 
 
 async def drive(goals: list[JointTrajectoryPoint], slider: float, file: Path | None = None, stop: bool = False) -> None:
-    async with ControlledRobot(HOST, make_ready=True, record=file) as robot:
+    async with RobotControl(HOST, make_ready=True, record=file) as robot:
         await robot.robot.set_speed_slider(slider)
         robot.activate(CONTROLLER)
         for point in goals:
             goal = robot.manager.controller(CONTROLLER).send_goal(to(point))
             if stop:
                 await robot.robot.wait_for(lambda _: robot.manager.controller(CONTROLLER).progress > 0.5)
-                await robot.driver.robot.send_script("sec stop():\n  protective_stop()\nend")
+                await robot.driver.link.send_script("sec stop():\n  protective_stop()\nend")
                 await robot.robot.wait_for(lambda _: robot.driver.protective_stopped)
                 await robot.robot.recover()  # after 5 s, and for those who know why the arm stopped
             result = await robot.result(goal)

@@ -53,6 +53,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "client.primary",
             "client.quantities",
             "client.realtime",
+            "client.blocking",
             "client.robotapi",
             "client.rtde",
             "client.scripts",

@@ -12,11 +12,11 @@ import typer
 
 from client.commands.following import ProgressBar
 from client.controllers import (
-    ControlledRobot,
     ControllersFile,
     ErrorCode,
     JointTrajectory,
     Result,
+    RobotControl,
     read_controllers,
     usual_controllers,
 )
@@ -162,7 +162,7 @@ class Target:
 
     @asynccontextmanager
     async def _open_alone(self) -> AsyncIterator[ArmAccess]:
-        robot = ControlledRobot(
+        control = RobotControl(
             self.robot_ip,
             controllers_file(self.controllers, self.prefix),
             prefix=self.prefix,
@@ -170,9 +170,9 @@ class Target:
             outputs=DEFAULT_FIELDS if self.record else (),
             robot_ports=self.ports,
         )
-        with real_time(robot.driver.config.realtime):  # this process does nothing else
-            async with robot:
-                session = _OwnManager(RunningManager(robot))
+        with real_time(control.driver.config.realtime):  # this process does nothing else
+            async with control:
+                session = _OwnManager(RunningManager(control))
                 try:
                     yield session
                 finally:
@@ -236,7 +236,7 @@ async def _until_terminated(work: Coroutine[Any, Any, None]) -> None:
 
 async def announce(running: RunningManager, options: ManagerOptions) -> None:
     """Print that the manager is ready; with make_ready, first wait until the control program runs."""
-    if options.make_ready and not running.robot.driver.program_running:
+    if options.make_ready and not running.control.driver.program_running:
         typer.echo(
             f"waiting for the control program: {options.robot_ip}, {running.summary()}. "
             "Load and play a program with External Control on the robot.",

@@ -81,12 +81,12 @@ def serve_command(
 async def serve(options: ManagerOptions) -> None:
     """Run the manager until cancelled."""
     with claim(options.robot_ip, options.rtde_port) as place:
-        async with reached(options) as robot:
-            running = RunningManager(robot, headless=options.headless)
+        async with reached(options) as control:
+            running = RunningManager(control, headless=options.headless)
             running.load_all()
             for note in running.manager.notes:
                 typer.echo(f"note: {note}", err=True)
-            with real_time(robot.driver.config.realtime):
+            with real_time(control.driver.config.realtime):
                 async with running.at_work(options), ManagerServer(running, place):
                     await announce(running, options)
                     await asyncio.Event().wait()

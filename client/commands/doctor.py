@@ -28,7 +28,7 @@ _STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grad
 
 
 def doctor_command(
-    robot: Annotated[
+    host: Annotated[
         str | None,
         typer.Argument(metavar="ROBOT_IP", help="Address of the robot (default: examine this machine only)."),
     ] = None,
@@ -43,7 +43,7 @@ def doctor_command(
     """Examine this machine, the network and the robot within seconds. Exit status 1 if something cannot work."""
     screen = console()
     findings = []
-    for finding in map(readable_in, _examine(robot or robot_ip, port_offset, calibration)):  # a robot may say anything
+    for finding in map(readable_in, _examine(host or robot_ip, port_offset, calibration)):  # a robot may say anything
         if not as_json:
             screen.print(_line(finding), soft_wrap=True)
         findings.append(finding)
@@ -52,19 +52,19 @@ def doctor_command(
     raise typer.Exit(exit_status(findings))
 
 
-def _examine(robot: str | None, port_offset: int, calibration: Path | None) -> Iterator[Finding]:
+def _examine(host: str | None, port_offset: int, calibration: Path | None) -> Iterator[Finding]:
     yield from examine_machine()
     yield from examine_versions()
     yield from examine_own_ports()
-    if robot is None:
+    if host is None:
         return
-    ports = list(examine_ports(robot, port_offset))
+    ports = list(examine_ports(host, port_offset))
     yield from ports
     if exit_status(ports):  # the other checks would only report the same
         return
-    yield from examine_replies(robot, port_offset)
-    yield from examine_stream(robot, port_offset)
-    yield from examine_calibration(robot, calibration, port_offset)
+    yield from examine_replies(host, port_offset)
+    yield from examine_stream(host, port_offset)
+    yield from examine_calibration(host, calibration, port_offset)
 
 
 def _line(finding: Finding) -> Text:

@@ -116,7 +116,7 @@ class Interrupts:
 
 
 def follow(
-    robot: rtde.BlockingRTDEClient,
+    client: rtde.BlockingRTDEClient,
     sinks: Iterable[Sink],
     interrupts: Interrupts,
     duration_s: float | None = None,
@@ -130,10 +130,10 @@ def follow(
     try:
         while not clock.finished:
             try:
-                state = interrupts.wait(robot.receive)
+                state = interrupts.wait(client.receive)
             except ClientError as error:
                 typer.echo(f"{error} (reconnecting; Ctrl-C ends it)", err=True)
-                interrupts.wait(lambda: _reconnect(robot))
+                interrupts.wait(lambda: _reconnect(client))
                 continue
             clock.update(state)
             for sink in sinks:
@@ -163,10 +163,10 @@ class _Clock:
         self._last_s = now_s
 
 
-def _reconnect(robot: rtde.BlockingRTDEClient) -> None:
+def _reconnect(client: rtde.BlockingRTDEClient) -> None:
     while True:
         try:
-            robot.reconnect(_RECONNECT_S)
+            client.reconnect(_RECONNECT_S)
         except ClientError:
             continue
         typer.echo("reconnected", err=True)

@@ -59,7 +59,7 @@ def _target(
 
 @with_options_of(_target, last=True)
 def goal_command(
-    robot: Mapping[str, Any],
+    target_options: Mapping[str, Any],
     positions: Annotated[str, typer.Option(help='Joint angles, base to wrist 3: "0,-1.57,0,-1.57,0,0" [rad].')],
     time: Annotated[float, typer.Option(help="How long the motion takes at full speed [s].")] = 6.0,
     degrees: Annotated[bool, typer.Option("--degrees", help="The angles are in degrees.")] = False,
@@ -72,14 +72,14 @@ def goal_command(
     elif (widest := max(q, key=abs)) and abs(widest) > _WIDEST_RAD:
         raise typer.BadParameter(f"--positions takes radians, but {widest:g} looks like degrees: add --degrees")
     _check_time(time)
-    target = _target(**robot)
+    target = _target(**target_options)
     point = JointTrajectoryPoint(q, (0.0,) * len(q), time_from_start_s=time)
     run(go(target, controller, JointTrajectory(JOINT_NAMES, (point,))))
 
 
 @with_options_of(_target, last=True)
 def publish_goals_command(
-    robot: Mapping[str, Any],
+    target_options: Mapping[str, Any],
     file: Annotated[Path, typer.Argument(help="Goals in the format of publisher_joint_trajectory_controller (YAML).")],
     node: Annotated[str | None, typer.Option(help="Section of the file to use, if it has several.")] = None,
     time: Annotated[float, typer.Option(help="How long each motion takes at full speed [s].")] = GOAL_TIME_S,
@@ -98,7 +98,7 @@ def publish_goals_command(
         typer.echo(f"note: {note}", err=True)
     if controller is not None:
         goals = replace(goals, controller=controller)
-    target = _target(**robot)
+    target = _target(**target_options)
     run(publish(target, goals, time, rounds))
 
 
@@ -158,7 +158,7 @@ forward_app = application(completion=False)
 @forward_app.command(context_settings={"ignore_unknown_options": True})  # negative numbers look like options
 @with_options_of(_target, last=True)
 def forward_command(
-    robot: Mapping[str, Any],
+    target_options: Mapping[str, Any],
     kind: Annotated[ForwardKind, typer.Argument(help="Whether to command positions or speeds.")],
     values: Annotated[list[float], typer.Argument(help="One value for each joint, base to wrist 3 [rad or rad/s].")],
     time: Annotated[
@@ -174,7 +174,9 @@ def forward_command(
     """Command positions or speeds through a forward controller; Ctrl-C brings the arm to rest."""
     _check_time(time)
     given = tuple(map(radians, values)) if degrees else tuple(values)
-    run(forward(_target(**robot), controller or f"forward_{kind.value}_controller", kind, given, time, at_once))
+    run(
+        forward(_target(**target_options), controller or f"forward_{kind.value}_controller", kind, given, time, at_once)
+    )
 
 
 async def forward(

@@ -21,7 +21,7 @@ from client.commands.scene_drawing import model_named, model_of_robot
 from client.driver import points
 from client.driver.config import ROBOT_PORTS
 from client.identification.armfile import write_arm
-from client.identification.excitation import Bounds, excitation
+from client.identification.excitation import ExcitationBounds, excitation
 from client.identification.fidelity import Fidelity, Payload, fidelity
 from client.identification.identify import Identified, identify
 from client.identification.plots import draw
@@ -140,7 +140,7 @@ def excite_command(
 ) -> None:
     """Move and record every joint, within bounds around the current configuration, as data for identify."""
     check_free(output, overwrite)
-    bounds = Bounds(angle, speed, acceleration, floor)
+    bounds = ExcitationBounds(angle, speed, acceleration, floor)
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
     with exclusive_motion(robot_ip, ports), Robot(robot_ip, robot_ports=ports, outputs=_FIELDS) as robot:
         path = excitation(model_of_robot(robot_ip, port_offset), robot.q, duration, bounds, seed)
@@ -148,11 +148,11 @@ def excite_command(
         if make_ready:
             robot.make_ready()
         with Recorder(output, _FIELDS, {"robot": robot_ip}) as recorder:
-            robot.inner.driver.robot.on_state.append(recorder.write)
+            robot.inner.driver.link.on_state.append(recorder.write)
             _rest(robot)
             move_along(robot, path, "excitation")
             _rest(robot)
-            robot.inner.driver.robot.on_state.remove(recorder.write)
+            robot.inner.driver.link.on_state.remove(recorder.write)
     typer.echo(f"{output}: {recorder.count} states. To identify the arm, run ur-client identify {output}")
 
 

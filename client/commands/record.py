@@ -163,7 +163,7 @@ def check_and_confirm(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool
 
     Raises URError, or typer.Exit if the answer is no.
     """
-    arm = robot.inner.driver.robot.configuration
+    arm = robot.inner.driver.link.configuration
     if arm is None:
         raise RobotRefused("replay", "it does not report its limits", "check that its primary port (30001) answers")
     path.check(arm)
@@ -257,11 +257,11 @@ def record_command(
     drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
-        robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
+        client = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
         shots = follow_cameras(opened, cameras)
-        info = {"robot": robot_ip, "polyscope": str(robot.core.version), "rate_hz": f"{robot.core.rate_hz:g}"}
+        info = {"robot": robot_ip, "polyscope": str(client.core.version), "rate_hz": f"{client.core.rate_hz:g}"}
         recorder = opened.enter_context(Recorder(file, names, info))
-        source, place = _describe_source(robot, names), recorder.place.name
+        source, place = _describe_source(client, names), recorder.place.name
         typer.echo(f"recording {source} to {file} ({place} until it ends). Ctrl-C ends it.", err=True)
         pictures = 0
 
@@ -275,7 +275,7 @@ def record_command(
         sinks: list[Sink] = [write]
         if drawing is not None:
             sinks.append(drawing.onto(recorder))
-        follow(robot, sinks, interrupts, duration)
+        follow(client, sinks, interrupts, duration)
     typer.echo(f"{file}: {recorder.count} states" + (f", {pictures} images" if cameras.names else ""))
     if recorder.left_out:
         typer.echo(f"note: {recorder.left_out} states without a timestamp were left out", err=True)
@@ -327,7 +327,7 @@ def stream_command(
     drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
-        robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
+        client = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
         shots = follow_cameras(opened, cameras)
         writers: list[Writer] = []
         server: FoxgloveServer | None = None
@@ -340,8 +340,8 @@ def stream_command(
             typer.echo(f"Foxglove: open a connection to {listen.rpartition(':')[0]}:{server.port}", err=True)
         for writer in writers:
             opened.callback(writer.close)
-        typer.echo(f"streaming {_describe_source(robot, names)}. Ctrl-C ends it.", err=True)
-        follow(robot, _timestamped_sink(writers, server, shots), interrupts, duration)
+        typer.echo(f"streaming {_describe_source(client, names)}. Ctrl-C ends it.", err=True)
+        follow(client, _timestamped_sink(writers, server, shots), interrupts, duration)
 
 
 def convert_command(
@@ -391,16 +391,16 @@ def _connect(
     frequency_hz: float | None,
 ) -> rtde.BlockingRTDEClient:
     timeout_s = DEFAULT_TIMEOUT_S + (2.0 / frequency_hz if frequency_hz and frequency_hz > 0.0 else 0.0)
-    robot = rtde.BlockingRTDEClient(
+    client = rtde.BlockingRTDEClient(
         robot_ip, names, frequency_hz=frequency_hz, port=rtde.PORT + port_offset, timeout_s=timeout_s
     )
-    connected: rtde.BlockingRTDEClient = interrupts.wait(lambda: opened.enter_context(robot))
+    connected: rtde.BlockingRTDEClient = interrupts.wait(lambda: opened.enter_context(client))
     return connected
 
 
-def _describe_source(robot: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
-    source = f"{robot.host} (PolyScope {robot.core.version})"
-    return f"{len(names)} variables of {source} at {robot.core.rate_hz:g} Hz"
+def _describe_source(client: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
+    source = f"{client.host} (PolyScope {client.core.version})"
+    return f"{len(names)} variables of {source} at {client.core.rate_hz:g} Hz"
 
 
 def _timestamped_sink(

@@ -69,9 +69,9 @@ def calibration_command(
     ),
 ) -> None:
     """Save the robot's calibration in the format of ur_description."""
-    with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
-        calibration = calibration_of(robot.run(robot.core.kinematics_info()))
-        nominal = is_nominal(calibration, robot.run(robot.core.configuration_data()))
+    with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as client:
+        calibration = calibration_of(client.run(client.core.kinematics_info()))
+        nominal = is_nominal(calibration, client.run(client.core.configuration_data()))
     write_calibration(output, calibration)
     typer.echo(f"{output}: {calibration.hash}" + (", nominal: this arm has no deviations" if nominal else ""))
 
@@ -96,18 +96,18 @@ def send_command(
         raise FileError(file, "is not text")
     if wait and is_secondary(text):
         raise typer.BadParameter("a controller does not report the end of a secondary program: leave out --wait")
-    with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
+    with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as client:
         if check:
-            _check(file, text, robot.run(robot.core.polyscope_version()))
+            _check(file, text, client.run(client.core.polyscope_version()))
         if is_secondary(text):
-            robot.run(robot.core.send_secondary(text))
+            client.run(client.core.send_secondary(text))
             typer.echo(f"sent {file}")
             return
-        run = robot.run(robot.core.start(text, require_end=wait))
+        run = client.run(client.core.start(text, require_end=wait))
         typer.echo(f"{run.script.name} is running")
         if wait:
             try:
-                robot.run(robot.core.finish(run), float("inf"))
+                client.run(client.core.finish(run), float("inf"))
             except KeyboardInterrupt:
                 where = f"--robot-ip {robot_ip}" + (f" --port-offset {port_offset}" if port_offset else "")
                 typer.echo(f"\n{run.script.name} goes on without this command; to stop it: {_STOP} {where}", err=True)
@@ -136,9 +136,9 @@ def dashboard_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Send one dashboard command and print the answer. Exit status 1 if it is unknown, refused or fails."""
-    with dashboard.BlockingDashboardClient(robot_ip, dashboard.PORT + port_offset) as robot:
+    with dashboard.BlockingDashboardClient(robot_ip, dashboard.PORT + port_offset) as client:
         try:
-            answer, done = robot.request(checked_command(line)), True
+            answer, done = client.request(checked_command(line)), True
         except RobotRefused as refusal:
             if not as_json:
                 raise
@@ -174,12 +174,12 @@ def watch_command(
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
         client = rtde.BlockingRTDEClient(robot_ip, names, frequency_hz=rate, port=port, timeout_s=timeout_s)
-        robot = interrupts.wait(lambda: opened.enter_context(client))
+        client = interrupts.wait(lambda: opened.enter_context(client))
         sinks = [_csv_sink(csv_file, names, opened)] if csv_file else []
         lines = _json_lines if as_json else _lines
         in_table = sys.stdout.isatty() and not (plain or as_json)
-        sinks.append(_live_table(robot, opened) if in_table else lines)
-        follow(robot, sinks, interrupts)
+        sinks.append(_live_table(client, opened) if in_table else lines)
+        follow(client, sinks, interrupts)
 
 
 def _lines(state: Mapping[str, Any]) -> None:
@@ -192,16 +192,16 @@ def _json_lines(state: Mapping[str, Any]) -> None:
     sys.stdout.flush()
 
 
-def _live_table(robot: rtde.BlockingRTDEClient, opened: ExitStack) -> Sink:
+def _live_table(client: rtde.BlockingRTDEClient, opened: ExitStack) -> Sink:
     live = opened.enter_context(Live(console=console(), auto_refresh=False))
-    each = max(1, round(robot.core.rate_hz / _DRAWN_HZ))
+    each = max(1, round(client.core.rate_hz / _DRAWN_HZ))
     count = 0
 
     def draw(state: Mapping[str, Any]) -> None:
         nonlocal count
         count += 1
         if count % each == 0:
-            live.update(state_table(state, f"{robot.host}, PolyScope {robot.core.version}"), refresh=True)
+            live.update(state_table(state, f"{client.host}, PolyScope {client.core.version}"), refresh=True)
 
     return draw
 
@@ -237,9 +237,9 @@ def _csv_sink(path: Path, names: list[str], opened: ExitStack) -> Sink:
 
 def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
     """Print the robot's current state: modes, joints and TCP pose."""
-    with rtde.BlockingRTDEClient(robot_ip, _STATE, port=rtde.PORT + port_offset) as robot:
-        state = robot.receive()
-        version = robot.core.version
+    with rtde.BlockingRTDEClient(robot_ip, _STATE, port=rtde.PORT + port_offset) as client:
+        state = client.receive()
+        version = client.core.version
     if as_json:
         modes = {name: mode_name(_NAMES[name], state[name]) for name in _NAMES}
         print_json({"robot_ip": robot_ip, "polyscope": str(version), **state, **modes})

@@ -28,13 +28,13 @@ def model_named(name: str) -> RobotModel:
 
 def model_of_robot(host: str, port_offset: int = 0) -> RobotModel:
     """A robot's arm with its calibration. Raises RobotRefused when it is not known here."""
-    with primary.BlockingPrimaryClient(host, primary.PORT + port_offset) as robot:
-        return _model(robot)
+    with primary.BlockingPrimaryClient(host, primary.PORT + port_offset) as client:
+        return _model(client)
 
 
-def _model(robot: primary.BlockingPrimaryClient) -> RobotModel:
-    calibration = calibration_of(robot.run(robot.core.kinematics_info()))
-    arm = robot.run(robot.core.configuration_data())
+def _model(client: primary.BlockingPrimaryClient) -> RobotModel:
+    calibration = calibration_of(client.run(client.core.kinematics_info()))
+    arm = client.run(client.core.configuration_data())
     model = calibrated_model(arm, calibration)
     if model is None:
         known = ", ".join(MODELS)

@@ -1,6 +1,8 @@
 """The controllers of ros2_control, without ROS: loaded by name from a controllers file, updated at the robot's rate."""
 
+from client.controllers.blocking import BlockingRobotControl
 from client.controllers.configuration import ControllersFile, read_controllers, usual_controllers
+from client.controllers.control import RobotControl
 from client.controllers.goals import (
     ErrorCode,
     FollowJointTrajectory,
@@ -15,16 +17,14 @@ from client.controllers.goals import (
 )
 from client.controllers.loop import ControlLoop
 from client.controllers.manager import ControllerManager
-from client.controllers.robot import BlockingControlledRobot, ControlledRobot
 from client.controllers.ur_states import RTDE_OUTPUTS
 from urproto.joints import JOINT_NAMES
 
 __all__ = [
     "JOINT_NAMES",
     "RTDE_OUTPUTS",
-    "BlockingControlledRobot",
+    "BlockingRobotControl",
     "ControlLoop",
-    "ControlledRobot",
     "ControllerManager",
     "ControllersFile",
     "ErrorCode",
@@ -36,6 +36,7 @@ __all__ = [
     "MotionPrimitive",
     "PrimitiveType",
     "Result",
+    "RobotControl",
     "Tolerance",
     "read_controllers",
     "usual_controllers",

@@ -5,9 +5,9 @@ import logging
 from types import TracebackType
 from typing import Any, Final
 
+from client.controllers.control import RobotControl
 from client.controllers.controller import LifecycleState
-from client.controllers.robot import ControlledRobot
-from client.driver.robot import MOVABLE
+from client.driver.link import MOVABLE
 from client.errors import ControllerError
 from urproto.compat import Self
 from urproto.errors import URError
@@ -28,10 +28,10 @@ class HardwareComponent:
     name: the component's name in ros2_control. state: state of the component, which is independent of the robot's.
     """
 
-    def __init__(self, robot: ControlledRobot, name: str, *, headless: bool) -> None:
+    def __init__(self, control: RobotControl, name: str, *, headless: bool) -> None:
         self.name = name
         self.state = LifecycleState.ACTIVE
-        self._robot = robot
+        self._control = control
         self._headless = headless
 
     @property
@@ -47,27 +47,27 @@ class HardwareComponent:
         """
         if target is LifecycleState.FINALIZED:
             raise ControllerError(self.name, "its state is unconfigured, inactive or active: end the driver instead")
-        hardware: Any = self._robot.manager.hardware
+        hardware: Any = self._control.manager.hardware
         if target is LifecycleState.ACTIVE:
             hardware.withheld = None
         elif self.state is not target:
-            manager = self._robot.manager
+            manager = self._control.manager
             hardware.withheld = f"the hardware component {self.name} is {target}: activate it first"
             manager.stop_motion(hardware.withheld)
             manager.switch(deactivate=[one.name for one in manager.modifying()])
         before, self.state = self.state, target
         if target is LifecycleState.UNCONFIGURED:
-            await self._robot.driver.stop_program()
+            await self._control.driver.stop_program()
         elif target is LifecycleState.ACTIVE and before is LifecycleState.UNCONFIGURED and self._headless:
-            await start_if_ready(self._robot)
+            await start_if_ready(self._control)
 
 
-async def start_if_ready(robot: ControlledRobot) -> bool:
+async def start_if_ready(control: RobotControl) -> bool:
     """Start the control program if the robot can run it; returns False, and logs the reason, if it did not start."""
-    if robot.driver.program_running or robot.driver.robot.robot_mode is not RobotMode.RUNNING:
+    if control.driver.program_running or control.driver.link.robot_mode is not RobotMode.RUNNING:
         return True
     try:
-        await robot.driver.start_program()
+        await control.driver.start_program()
     except URError as error:
         _logger.error("%s", error)
         return False
@@ -80,9 +80,9 @@ class ControllerStopper:
     It has the role of the official driver's controller stopper.
     """
 
-    def __init__(self, robot: ControlledRobot) -> None:
-        self._manager = robot.manager
-        self._robot = robot
+    def __init__(self, control: RobotControl) -> None:
+        self._manager = control.manager
+        self._control = control
         self._stopped: list[str] = []
 
     def __enter__(self) -> Self:
@@ -105,7 +105,7 @@ class ControllerStopper:
 
     def _check(self) -> None:
         """Check the state; called after each cycle."""
-        if not self._stopped or self._manager.hardware.failure is not None or not self._robot.driver.program_running:
+        if not self._stopped or self._manager.hardware.failure is not None or not self._control.driver.program_running:
             return
         names, self._stopped = self._stopped, []
         inactive = {info.name for info in self._manager.list_controllers() if info.state is LifecycleState.INACTIVE}
@@ -128,21 +128,21 @@ class ProgramKeeper:
     stopped, as with the official driver: resend_robot_program starts it.
     """
 
-    def __init__(self, robot: ControlledRobot) -> None:
-        self._robot = robot
+    def __init__(self, control: RobotControl) -> None:
+        self._control = control
         self._was_silent = False
         self._starting: asyncio.Task[None] | None = None
 
     def __enter__(self) -> Self:
-        self._robot.driver.robot.on_silence.append(self._remember)
-        self._robot.manager.on_cycle.append(self._check)
+        self._control.driver.link.on_silence.append(self._remember)
+        self._control.manager.on_cycle.append(self._check)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._robot.driver.robot.on_silence.remove(self._remember)
-        self._robot.manager.on_cycle.remove(self._check)
+        self._control.driver.link.on_silence.remove(self._remember)
+        self._control.manager.on_cycle.remove(self._check)
         if self._starting is not None:
             self._starting.cancel()
 
@@ -151,13 +151,13 @@ class ProgramKeeper:
 
     def _check(self) -> None:
         """Check the state; called after each cycle."""
-        link = self._robot.driver.robot
+        link = self._control.driver.link
         if self._was_silent and link.robot_mode is RobotMode.RUNNING and link.safety_mode in MOVABLE:
             self._was_silent = False
             self._starting = asyncio.get_running_loop().create_task(self._start())
 
     async def _start(self) -> None:
         for _ in range(_ATTEMPTS):  # a robot's connections do not all return at the same time
-            if await start_if_ready(self._robot):
+            if await start_if_ready(self._control):
                 return
             await asyncio.sleep(_RETRY_S)

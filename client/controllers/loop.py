@@ -81,15 +81,15 @@ class ControlLoop:
         except TimeoutError:
             config = self.driver.config
             port = config.robot_ports["rtde"]
-            raise NoAnswerError(config.robot, port, _FIRST_STATE_S, "states that a control loop can use") from None
+            raise NoAnswerError(config.host, port, _FIRST_STATE_S, "states that a control loop can use") from None
 
     def _subscribe(self) -> None:
-        self.driver.robot.on_state.append(self._on_state)
-        self.driver.robot.on_silence.append(self._on_silence)
+        self.driver.link.on_state.append(self._on_state)
+        self.driver.link.on_silence.append(self._on_silence)
 
     def _unsubscribe(self) -> None:
-        self.driver.robot.on_state.remove(self._on_state)
-        self.driver.robot.on_silence.remove(self._on_silence)
+        self.driver.link.on_state.remove(self._on_state)
+        self.driver.link.on_silence.remove(self._on_silence)
 
     def _on_silence(self) -> None:
         """End all motions: without states there are no more cycles that would end them."""
@@ -174,7 +174,7 @@ class ControlLoop:
 
     def _is_young(self, state: ReceivedState) -> bool:
         """Whether controllers may act on a state. If states stay too old, motions end, as when the robot is silent."""
-        if (age_s := state.age_s) <= self.driver.robot.feed.max_age_s:
+        if (age_s := state.age_s) <= self.driver.link.feed.max_age_s:
             self._old_since_s = None
             return True
         now_s = asyncio.get_running_loop().time()

@@ -14,11 +14,11 @@ from typing import Any, Final
 from client.calibration import model_of
 from client.controllers.component import ControllerStopper, HardwareComponent, ProgramKeeper, start_if_ready
 from client.controllers.configuration import ControllersFile
+from client.controllers.control import RobotControl
 from client.controllers.controller import Controller
 from client.controllers.manager import ControllerManager
 from client.controllers.modes import mode_of
 from client.controllers.parameters import with_changes
-from client.controllers.robot import ControlledRobot
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, ConnectionLostError, ControllerError, NoAnswerError, RobotUnreachableError
 from client.recording import DEFAULT_FIELDS
@@ -37,14 +37,14 @@ DEFAULT_CONTROLLER: Final = "scaled_joint_trajectory_controller"
 class ManagerOptions:
     """Options: which robot, and which controllers.
 
-    robot: options of `client.driver.DriverConfig`. file: the controllers file; None for the usual controllers.
+    driver_options: those of `client.driver.DriverConfig`. file: the controllers file; None for the usual controllers.
     controller: the controller that is active at first, in addition to those that move nothing; "" for none. headless:
     the control program is sent to the robot; otherwise the manager waits until External Control is played there.
     make_ready: power the arm on and release its brakes; if not headless, also play the program loaded on the robot.
     """
 
     robot_ip: str
-    robot: dict[str, Any]
+    driver_options: dict[str, Any]
     file: ControllersFile | None = None
     controller: str = DEFAULT_CONTROLLER
     tf_prefix: str = ""
@@ -54,16 +54,16 @@ class ManagerOptions:
     @property
     def rtde_port(self) -> int:
         """RTDE port of the robot."""
-        return int(self.robot.get("robot_ports", ROBOT_PORTS)["rtde"])
+        return int(self.driver_options.get("robot_ports", ROBOT_PORTS)["rtde"])
 
 
 @asynccontextmanager
-async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
+async def reached(options: ManagerOptions) -> AsyncIterator[RobotControl]:
     """Connect to the robot, as soon as it answers. Raises RobotRefused if it refuses."""
     reported_s = -_LOG_INTERVAL_S
     async with AsyncExitStack() as opened:
         while True:
-            robot = ControlledRobot(
+            control = RobotControl(
                 options.robot_ip,
                 options.file,
                 prefix=options.tf_prefix,
@@ -72,10 +72,10 @@ async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
                 headless=options.headless,
                 outputs=DEFAULT_FIELDS,  # a client may record
                 outputs_if_any=_OUTPUTS,
-                **options.robot,
+                **options.driver_options,
             )
             try:
-                await opened.enter_async_context(robot)
+                await opened.enter_async_context(control)
                 break
             except (RobotUnreachableError, ConnectionLostError, NoAnswerError) as error:
                 now_s = asyncio.get_running_loop().time()
@@ -83,7 +83,7 @@ async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
                     reported_s = now_s
                     _logger.warning("%s; trying again", error)
                 await asyncio.sleep(_RETRY_S)
-        yield robot
+        yield control
 
 
 class RunningManager:
@@ -93,11 +93,11 @@ class RunningManager:
     was loaded or unloaded. on_parameters: awaited with a controller and its changed parameters, by names with dots.
     """
 
-    def __init__(self, robot: ControlledRobot, *, headless: bool = True) -> None:
-        self.robot = robot
-        arm = robot.driver.robot.configuration
+    def __init__(self, control: RobotControl, *, headless: bool = True) -> None:
+        self.control = control
+        arm = control.driver.link.configuration
         model = model_of(arm) if arm else None
-        self.component = HardwareComponent(robot, model.name if model else "ur", headless=headless)
+        self.component = HardwareComponent(control, model.name if model else "ur", headless=headless)
         self.on_loaded: list[Callable[[Controller[Any]], Awaitable[object]]] = []
         self.on_unloaded: list[Callable[[Controller[Any]], Awaitable[object]]] = []
         self.on_parameters: list[Callable[[Controller[Any], Mapping[str, Any]], Awaitable[object]]] = []
@@ -105,7 +105,7 @@ class RunningManager:
     @property
     def manager(self) -> ControllerManager:
         """The controller manager, for all operations that need no waiting; use it in the event loop."""
-        return self.robot.manager
+        return self.control.manager
 
     # operations with callbacks
 
@@ -153,15 +153,15 @@ class RunningManager:
 
         Raises ControllerError if the controller that is to be active does not exist.
         """
-        with ControllerStopper(self.robot) as stopper:
+        with ControllerStopper(self.control) as stopper:
             self._activate(options, stopper)
             if not options.headless:
                 if options.make_ready:
-                    await start_if_ready(self.robot)  # another program may be played later
+                    await start_if_ready(self.control)  # another program may be played later
                 yield
                 return
-            with ProgramKeeper(self.robot):
-                await start_if_ready(self.robot)
+            with ProgramKeeper(self.control):
+                await start_if_ready(self.control)
                 yield
 
     def _activate(self, options: ManagerOptions, stopper: ControllerStopper) -> None:
@@ -181,11 +181,11 @@ class RunningManager:
 
     async def program_runs(self) -> None:
         """Wait until the control program runs, without a timeout."""
-        while not self.robot.driver.program_running:
+        while not self.control.driver.program_running:
             await asyncio.sleep(_CHECK_S)
 
     def summary(self) -> str:
         """Summary of the controllers and the control program."""
         infos, active = self.manager.list_controllers(), self.manager.active()
-        program = "is running" if self.robot.driver.program_running else "is not running yet"
+        program = "is running" if self.control.driver.program_running else "is not running yet"
         return f"{len(infos)} controllers, {len(active)} of them active; the control program {program}"

@@ -172,7 +172,7 @@ class ManagerServer:
                 f"this controller manager speaks protocol {protocol.VERSION}, not {quoted(hello.get('protocol'))}: use "
                 "the same version of ur-client on both sides"
             )
-        robot = self._running.robot.driver.config.robot
+        robot = self._running.control.driver.config.host
         await _send(writer, {"protocol": protocol.VERSION, "robot": robot, "pid": os.getpid()})
 
 

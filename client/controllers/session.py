@@ -12,6 +12,7 @@ from typing import Any, Final, TypeAlias
 
 from client.controllers.component import PLUGIN
 from client.controllers.configuration import help_of
+from client.controllers.control import listen, recorded
 from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState
 from client.controllers.forward import ForwardCommandController
 from client.controllers.goals import GoalHandle, JointTrajectory, JointTrajectoryPoint
@@ -19,7 +20,6 @@ from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.manager import ControllerManager
 from client.controllers.parameters import flat, is_read_only
 from client.controllers.passthrough import PassthroughTrajectoryController
-from client.controllers.robot import listen, recorded
 from client.controllers.running import RunningManager
 from client.errors import ControllerError, ManagerError
 from client.recording import BackgroundRecorder
@@ -285,7 +285,7 @@ class Session:
         controller = self._follower(request)
         trajectory = _trajectory(request.group("trajectory"))
         controller.check_active()
-        self._running.robot.check_reach(trajectory)
+        self._running.control.check_reach(trajectory)
         if len(self._goals) >= _MAX_GOALS:
             raise ManagerError(f"{_MAX_GOALS} results of goals have not been fetched: request them first")
         self._count += 1
@@ -323,7 +323,7 @@ class Session:
         trajectory = _trajectory(request.group("trajectory"))
         controller.check_active()
         controller.check(trajectory)
-        self._running.robot.check_reach(trajectory, speeds=False)  # speeds are judged by the tolerances
+        self._running.control.check_reach(trajectory, speeds=False)  # speeds are judged by the tolerances
         controller.command(trajectory)
 
     @_handler
@@ -341,11 +341,11 @@ class Session:
         if controller.interface_name == "position":
             end = JointTrajectoryPoint(values, (0.0,) * len(values), time_from_start_s=time_s)
             way = JointTrajectory(controller.parameters.joints, (end,))
-            self._running.robot.check_reach(way, speeds=time_s > 0.0)
+            self._running.control.check_reach(way, speeds=time_s > 0.0)
         elif time_s:
             raise controller.error("time_s is for positions only")
         if time_s > 0.0:
-            scaling = f"{self._running.robot.prefix}speed_scaling/speed_scaling_factor"
+            scaling = f"{self._running.control.prefix}speed_scaling/speed_scaling_factor"
             states = self._manager.hardware.states
             controller.go_to(values, time_s, lambda: states[scaling])
         else:
@@ -377,22 +377,22 @@ class Session:
     @_handler
     def robot_state(self, request: Request) -> Answer:
         """State of the robot that a client needs to show the progress of a motion; time_s is the robot's time."""
-        robot = self._running.robot
-        state, link = robot.driver.state, robot.driver.robot
+        control = self._running.control
+        state, link = control.driver.state, control.driver.link
         return {
             "time_s": self._manager.time_s,
-            "positions": dict(zip(robot.joints, state["actual_q"], strict=True)),
-            "at_rest": robot.at_rest,
+            "positions": dict(zip(control.joints, state["actual_q"], strict=True)),
+            "at_rest": control.at_rest,
             "robot_mode": link.robot_mode.name,
             "safety_mode": link.safety_mode.name,
             "target_speed_fraction": state["target_speed_fraction"],
-            "program_running": robot.driver.program_running,
+            "program_running": control.driver.program_running,
         }
 
     @_handler
     async def make_ready(self, request: Request) -> Answer:
         """Power the arm on, release its brakes, start the control program, as far as still necessary."""
-        await self._running.robot.robot.make_ready()
+        await self._running.control.robot.make_ready()
 
     @_handler
     async def set_speed_slider(self, request: Request) -> Answer:
@@ -400,7 +400,7 @@ class Session:
         fraction = request.number("fraction")
         if not 0.01 <= fraction <= 1.0:
             raise ManagerError(f"the speed slider takes 0.01 to 1, not {fraction:g}")
-        await self._running.robot.robot.set_speed_slider(fraction)
+        await self._running.control.robot.set_speed_slider(fraction)
 
     @_handler
     async def begin_recording(self, request: Request) -> Answer:
@@ -408,7 +408,7 @@ class Session:
         path = Path(request.text("path"))
         if not path.is_absolute():
             raise ManagerError(f"the path of a recording must be absolute, not {quoted(str(path))}")
-        recorder = await self._recording.enter_async_context(recorded(self._running.robot.driver, path))
+        recorder = await self._recording.enter_async_context(recorded(self._running.control.driver, path))
         self._recording.callback(listen(recorder, self._manager))
         self._recorder = recorder
 

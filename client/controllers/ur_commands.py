@@ -38,7 +38,7 @@ Spawn = Callable[[Coroutine[Any, Any, None]], "asyncio.Task[None]"]
 
 
 class ScriptReceiver(Protocol):
-    """The part of `client.driver.robot.RobotLink` that is used here."""
+    """The part of `client.driver.link.RobotLink` that is used here."""
 
     async def send_script(self, text: str) -> None: ...
 
@@ -51,7 +51,7 @@ class ArmDriver(Protocol):
     @property
     def loss_reason(self) -> str: ...
     @property
-    def robot(self) -> ScriptReceiver: ...
+    def link(self) -> ScriptReceiver: ...
     def servoj(self, q_rad: Sequence[float], timeout_s: float) -> None: ...
     def speedj(self, qd_rad_s: Sequence[float], timeout_s: float) -> None: ...
     def torque(self, torque_Nm: Sequence[float], timeout_s: float) -> None: ...
@@ -207,7 +207,7 @@ class URCommands:
         await self._send_lines([*lines, f"  set_standard_analog_out({pin}, {share})"])
 
     async def _send_lines(self, lines: Sequence[str]) -> None:
-        await self._driver.robot.send_script("\n".join(["sec setting():", *lines, "end"]))
+        await self._driver.link.send_script("\n".join(["sec setting():", *lines, "end"]))
 
     async def _payload(self, values: list[float]) -> None:
         rest = self._inertia.take()

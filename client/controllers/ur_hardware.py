@@ -16,8 +16,8 @@ from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
 from client.controllers.ur_execution import PassthroughExecution, PrimitivesExecution, RobotExecution
 from client.controllers.ur_states import URStates
 from client.driver.availability import refusal
-from client.driver.endpoint import MAX_REAL_TIME_S
-from client.driver.robot import MOVABLE
+from client.driver.link import MOVABLE
+from client.driver.reverse import MAX_REAL_TIME_S
 from client.errors import ControllerError, LateSetpointError
 from urproto.errors import LocalProtocolError, URError
 from urproto.joints import JOINT_NAMES
@@ -120,14 +120,14 @@ class URHardware:
             self._offset = [actual - command for actual, command in zip(self._actual.get(), commands, strict=True)]
             self._return_s = _RETURN_S
 
-    def _find_failure(self, time_s: float, safety: int, robot: int, running: bool) -> str | None:
+    def _find_failure(self, time_s: float, safety: int, robot_mode: int, running: bool) -> str | None:
         if safety in _WAITING:
             self._absent_until_s = time_s + _RESTART_S
             return None
         if safety not in MOVABLE:
             return f"its safety mode is {_name(SafetyMode, safety)}: clear the cause, then activate again"
-        if robot != RobotMode.RUNNING:
-            return f"its mode is {_name(RobotMode, robot)}: power it on, start the program, then activate again"
+        if robot_mode != RobotMode.RUNNING:
+            return f"its mode is {_name(RobotMode, robot_mode)}: power it on, start the program, then activate again"
         if running:
             self._absent_until_s = 0.0 if self._ready else self._absent_until_s
             return None

@@ -177,15 +177,15 @@ class Side(Enum):
 class Channel:
     """The streams of one connection. unknown: a stream whose sender is recognised from the bytes."""
 
-    robot: Stream
-    client: Stream
+    from_robot: Stream
+    from_client: Stream
     unknown: Stream | None = None
 
     def stream(self, side: Side | None, usual: Side) -> Stream:
         """The stream from one side."""
         if side is None and self.unknown is not None:
             return self.unknown
-        return self.robot if (side or usual) is Side.ROBOT else self.client
+        return self.from_robot if (side or usual) is Side.ROBOT else self.from_client
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,12 +201,12 @@ class Codec:
 
 def _rtde() -> Channel:
     conversation = rtde.RTDEConversation()
-    return Channel(conversation.robot, conversation.client, conversation.unknown)
+    return Channel(conversation.from_robot, conversation.from_client, conversation.unknown)
 
 
 def _modbus() -> Channel:
     conversation = modbus.ModbusConversation()
-    return Channel(conversation.robot, conversation.client, conversation.unknown)
+    return Channel(conversation.from_robot, conversation.from_client, conversation.unknown)
 
 
 def _lines() -> Channel:

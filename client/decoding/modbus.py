@@ -34,8 +34,8 @@ class ModbusConversation:
 
     def __init__(self) -> None:
         self._requests: OrderedDict[tuple[int, int], ModbusRequest] = OrderedDict()
-        self.robot = FramedStream(FRAMING, self._from_robot)
-        self.client = FramedStream(FRAMING, self._from_client)
+        self.from_robot = FramedStream(FRAMING, self._from_robot)
+        self.from_client = FramedStream(FRAMING, self._from_client)
         self.unknown = FramedStream(FRAMING, self._from_unknown)
 
     def _from_unknown(self, data: bytes) -> Iterator[Line]:

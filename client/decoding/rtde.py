@@ -135,8 +135,8 @@ class RTDEConversation:
         self._outputs = _RecipeSetups()
         self._inputs = _RecipeSetups()
         self._unknown = Sender.ROBOT
-        self.robot = FramedStream(FRAMING, self._from_robot)
-        self.client = FramedStream(FRAMING, self._from_client)
+        self.from_robot = FramedStream(FRAMING, self._from_robot)
+        self.from_client = FramedStream(FRAMING, self._from_client)
         self.unknown = FramedStream(FRAMING, self._from_unknown)
 
     def _from_unknown(self, data: bytes) -> Iterator[Line]:

@@ -4,10 +4,13 @@
 """
 
 from client.driver import points
+from client.driver.blocking import BlockingURDriver
 from client.driver.config import DriverConfig, calibration_hash
-from client.driver.driver import BlockingURDriver, URDriver
-from client.driver.endpoint import Endpoint, ReverseEndpoint, ScriptSender
+from client.driver.driver import URDriver
+from client.driver.endpoint import Endpoint
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
+from client.driver.reverse import ReverseEndpoint
+from client.driver.script_sender import ScriptSender
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 
 __all__ = [

@@ -7,9 +7,10 @@ from typing import Final
 from client import dashboard, primary, robotapi, rtde
 from client.calibration import parameters
 from client.driver.control_program import ToolCommunicationSettings
-from client.driver.endpoint import KEEP_ALIVE_TIMEOUT_S, MAX_REAL_TIME_S, REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
+from client.driver.reverse import KEEP_ALIVE_TIMEOUT_S, MAX_REAL_TIME_S, REVERSE_PORT
 from client.driver.scheduling import RealTime
+from client.driver.script_sender import SENDER_PORT
 from client.quantities import check_fields
 from urproto import robots
 from urproto.modes import KinematicsStatus
@@ -49,7 +50,7 @@ class DriverConfig:
 
     Addresses and the control program:
 
-    - robot: address of the robot.
+    - host: address of the robot.
     - headless: True if the driver sends the control program itself. Otherwise the robot's External Control URCap
       fetches it when the robot plays ``program``, which the driver loads and plays through the dashboard; None plays
       the program that is already loaded.
@@ -80,7 +81,7 @@ class DriverConfig:
       "off" does without.
     """
 
-    robot: str
+    host: str
     headless: bool = True
     program: str | None = None
     own_address: str | None = None

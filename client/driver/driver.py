@@ -3,11 +3,6 @@
 async with URDriver("192.168.56.101") as driver:
     await driver.start_program()
     await driver.execute([points.movej(q) for q in path])
-
-with BlockingURDriver("192.168.56.101") as driver:
-    driver.start_program()
-    while driver.next_state()["timestamp"] < end:
-        driver.servoj(target())
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -15,13 +10,15 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any
 
-from client.driver.blocking import Blocking, blocking, direct
+from client.blocking import thread_safe
 from client.driver.config import DriverConfig, calibration_problem
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
-from client.driver.endpoint import MAX_REAL_TIME_S, ReverseEndpoint, ScriptSender
-from client.driver.program import KeepAliveThread, ProgramSupervisor
+from client.driver.keep_alive import KeepAliveThread
+from client.driver.link import RobotLink
+from client.driver.program import ProgramSupervisor
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
-from client.driver.robot import RobotLink
+from client.driver.reverse import MAX_REAL_TIME_S, ReverseEndpoint
+from client.driver.script_sender import ScriptSender
 from client.driver.trajectories import Trajectories
 from client.quantities import checked
 from client.rtde import ReceivedState
@@ -74,7 +71,7 @@ class URDriver:
 
     config: DriverConfig
     """Addresses, ports, rates and timeouts, as given."""
-    robot: RobotLink
+    link: RobotLink
     """Connections to the robot, and what it reports about itself."""
     program: ProgramSupervisor
     """The control program, and its parts below: the ports that it connects to, and the pulse."""
@@ -89,13 +86,13 @@ class URDriver:
     keep_alive: KeepAliveThread
     """Keeps the program alive, or ends it if its watchdog is not kicked."""
 
-    def __init__(self, robot: str, **options: Any) -> None:
-        self.config = DriverConfig(robot=robot, **options)
-        self.robot = RobotLink(self.config)
-        self.program = program = ProgramSupervisor(self.config, self.robot)
+    def __init__(self, host: str, **options: Any) -> None:
+        self.config = DriverConfig(host=host, **options)
+        self.link = RobotLink(self.config)
+        self.program = program = ProgramSupervisor(self.config, self.link)
         self.reverse, self.sender, self.keep_alive = program.reverse, program.sender, program.keep_alive
         self.trajectory, self.commands = program.trajectory, program.commands
-        self._trajectories = Trajectories(self.config, self.robot, program)
+        self._trajectories = Trajectories(self.config, self.link, program)
         self._open = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
@@ -104,8 +101,8 @@ class URDriver:
         Raises the errors of client.errors, RobotRefused for a wrong calibration, and OSError for a port that is in use.
         """
         async with AsyncExitStack() as opening:
-            await opening.enter_async_context(self.robot)
-            problem = calibration_problem(await self.robot.kinematics(), self.config.calibration)
+            await opening.enter_async_context(self.link)
+            problem = calibration_problem(await self.link.kinematics(), self.config.calibration)
             if problem is not None:
                 raise RobotRefused("the calibration check", problem)
             await opening.enter_async_context(self.program)
@@ -121,16 +118,16 @@ class URDriver:
     @property
     def version(self) -> PolyscopeVersion:
         """The robot's PolyScope version."""
-        return self.robot.version
+        return self.link.version
 
     @property
     def state(self) -> ReceivedState:
         """The newest RTDE state, by variable name, whatever its age (``state.age_s``)."""
-        return self.robot.state
+        return self.link.state
 
     async def next_state(self) -> ReceivedState:
         """The RTDE state after the newest one."""
-        return await self.robot.next_state()
+        return await self.link.next_state()
 
     # the control program
 
@@ -173,11 +170,11 @@ class URDriver:
     @property
     def protective_stopped(self) -> bool:
         """True during a protective stop."""
-        return self.robot.protective_stopped
+        return self.link.protective_stopped
 
     def on_safety_mode(self, callback: Callable[[SafetyMode], None]) -> None:
         """Register a callback that is called with each new safety mode."""
-        self.robot.on_safety_mode(callback)
+        self.link.on_safety_mode(callback)
 
     async def recover(self) -> None:
         """Unlock a protective stop, 5 s after it occurred, and start the control program again.
@@ -186,7 +183,7 @@ class URDriver:
         stopped for another reason, or if the stop recurs immediately.
         """
         if self.protective_stopped:
-            await self.robot.unlock_protective_stop()
+            await self.link.unlock_protective_stop()
         await self.start_program()
 
     async def set_speed_slider(self, fraction: float) -> None:
@@ -195,7 +192,7 @@ class URDriver:
         Raises RobotRefused while another client controls the slider.
         """
         try:
-            await self.robot.write_inputs(speed_slider_mask=1, speed_slider_fraction=fraction)
+            await self.link.write_inputs(speed_slider_mask=1, speed_slider_fraction=fraction)
         except RobotRefused as refused:
             if "IN_USE" not in refused.answer:
                 raise
@@ -204,39 +201,43 @@ class URDriver:
 
     # setpoints
 
+    @thread_safe
     def servoj(self, q_rad: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint angles (6,) [rad] to reach one control period from now."""
         self.reverse.setpoint(ControlMode.SERVOJ, q_rad, timeout_s)
 
+    @thread_safe
     def servo_pose(self, pose_base_tcp: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send a TCP pose in the base frame (6,) [m, rotation vector], reached by the nearest joint angles."""
         self.reverse.setpoint(ControlMode.POSE, pose_base_tcp, timeout_s)
 
+    @thread_safe
     def speedj(self, qd_rad_s: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint speeds (6,) [rad/s]."""
         self.reverse.setpoint(ControlMode.SPEEDJ, qd_rad_s, timeout_s)
 
+    @thread_safe
     def speedl(self, velocity_base: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send a TCP velocity in the base frame (6,) [m/s, rad/s]."""
         self.reverse.setpoint(ControlMode.SPEEDL, velocity_base, timeout_s)
 
+    @thread_safe
     def torque(self, torque_Nm: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer."""
-        self.robot.require("torque")
+        self.link.require("torque")
         self.reverse.setpoint(ControlMode.TORQUE, torque_Nm, timeout_s)
 
+    @thread_safe
     def idle(self) -> None:
         """Bring the arm to rest and keep the program running, for as long as the driver lives."""
         self.reverse.keep_alive(self.config.keep_alive_timeout_s)
 
+    @thread_safe
     def start_freedrive(self) -> None:
         """Let a person guide the arm by hand until `stop_freedrive`, `idle` or another mode."""
         self.reverse.freedrive(FreedriveAction.START, self.config.keep_alive_timeout_s)
 
-    def keep_freedrive(self) -> None:
-        """Keep freedrive active; the driver also does this by itself."""
-        self.reverse.freedrive(FreedriveAction.NOOP, self.config.keep_alive_timeout_s)
-
+    @thread_safe
     def stop_freedrive(self) -> None:
         """End freedrive; the arm holds its position."""
         self.reverse.freedrive(FreedriveAction.STOP, self.config.keep_alive_timeout_s)
@@ -283,11 +284,11 @@ class URDriver:
 
     async def zero_ftsensor(self) -> None:
         """Zero the force/torque sensor (take the present wrench as zero); e-Series."""
-        self.robot.require("zero_ftsensor")
+        self.link.require("zero_ftsensor")
         await self._command_or_script(ScriptCommand.plain(ScriptCommandKind.ZERO_FTSENSOR), "zero_ftsensor()")
 
-    async def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> None:
-        """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame."""
+    async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = ZERO3) -> None:
+        """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame, within a few periods."""
         script = f"set_payload({mass_kg}, {_list(cog_m)})"
         await self._command_or_script(ScriptCommand.set_payload(mass_kg, cog_m), script)
 
@@ -302,7 +303,7 @@ class URDriver:
 
         inertia_kg_m2: Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,).
         """
-        self.robot.require("set_target_payload")
+        self.link.require("set_target_payload")
         command = ScriptCommand.set_target_payload(mass_kg, cog_m, inertia_kg_m2, transition_time_s)
         script = f"set_target_payload({mass_kg}, {_list(cog_m)}, {_list(inertia_kg_m2)}, {transition_time_s})"
         await self._command_or_script(command, script)
@@ -354,13 +355,13 @@ class URDriver:
         used, and all zeros stand for the direction of motion. Afterwards the arm rests until `end_tool_contact`. The
         robot checks for contact once per message from the driver, so send setpoints in every control period.
         """
-        self.robot.require("start_tool_contact")
+        self.link.require("start_tool_contact")
         self.commands.clear_results()
         self.commands.send(ScriptCommand(ScriptCommandKind.START_TOOL_CONTACT, to_words(direction_base)))
 
     def end_tool_contact(self) -> None:
         """Stop watching for contact; the result is CANCELED if there was none."""
-        self.robot.require("end_tool_contact")
+        self.link.require("end_tool_contact")
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_TOOL_CONTACT))
 
     async def tool_contact_result(self, timeout_s: float | None = None) -> TrajectoryResult:
@@ -377,7 +378,7 @@ class URDriver:
         ProgramNotRunningError and NoAnswerError.
         """
         if gate is not None:
-            self.robot.require(gate)
+            self.link.require(gate)
         return await self.commands.query(query, arguments, number)
 
     def set_stream_parameters(
@@ -403,7 +404,7 @@ class URDriver:
         frame_base: the frame of these axes, as a pose in the base frame (6,) [m, rotation vector].
         """
         if list(axes) != [1] * 6:
-            self.robot.require("freedrive_axes")
+            self.link.require("freedrive_axes")
         self.commands.send(ScriptCommand.set_freedrive_axes(axes, frame_base))
 
     def set_force_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
@@ -412,12 +413,12 @@ class URDriver:
 
     def start_contact_detection(self, direction_base: Sequence[float] = ZERO6) -> None:
         """From now on, record whether the tool touches something in a direction (6,); all zeros for any direction."""
-        self.robot.require("contact")
+        self.link.require("contact")
         self.commands.send(ScriptCommand.start_contact_detection(direction_base))
 
     def stop_contact_detection(self) -> None:
         """Stop recording contacts; the result can still be queried."""
-        self.robot.require("contact")
+        self.link.require("contact")
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.STOP_CONTACT_DETECTION))
 
     def ft_rtde_input_enable(
@@ -435,102 +436,20 @@ class URDriver:
 
     def set_friction_compensation(self, enabled: bool) -> None:
         """Set whether torque control compensates friction; PolyScope 5.23 or newer."""
-        self.robot.require("set_friction_compensation")
+        self.link.require("set_friction_compensation")
         self.commands.send(ScriptCommand.set_friction_compensation(enabled))
 
     def set_friction_scales(self, viscous: Sequence[float], coulomb: Sequence[float]) -> None:
         """Set the share, 0 to 1, of each joint's friction (6,) that torque control compensates; PolyScope 5.25.1."""
-        self.robot.require("set_friction_scales")
+        self.link.require("set_friction_scales")
         self.commands.send(ScriptCommand.set_friction_scales(viscous, coulomb))
 
     async def _command_or_script(self, command: ScriptCommand, statement: str) -> None:
         if self.program_running:
             self.commands.send(command)
         else:
-            await self.robot.send_script(f"sec command():\n  {statement}\nend")
+            await self.link.send_script(f"sec command():\n  {statement}\nend")
 
 
 def _list(values: Sequence[float]) -> str:
     return f"[{', '.join(str(float(value)) for value in values)}]"
-
-
-class BlockingURDriver(Blocking[URDriver]):
-    """Blocking counterpart of `URDriver`, for scripts, notebooks and control loops.
-
-    Its connections run in a separate thread, which also calls the callbacks.
-    """
-
-    def __init__(self, robot: str, **options: Any) -> None:
-        super().__init__(lambda: URDriver(robot, **options))
-
-    start_program = blocking(URDriver.start_program)
-    stop_program = blocking(URDriver.stop_program)
-    wait_for_program = blocking(URDriver.wait_for_program)
-    on_program_state = blocking(URDriver.on_program_state)
-    on_safety_mode = blocking(URDriver.on_safety_mode)
-    recover = blocking(URDriver.recover)
-    set_speed_slider = blocking(URDriver.set_speed_slider)
-
-    servoj = direct(URDriver.servoj)
-    servo_pose = direct(URDriver.servo_pose)
-    speedj = direct(URDriver.speedj)
-    speedl = direct(URDriver.speedl)
-    torque = direct(URDriver.torque)
-    idle = direct(URDriver.idle)
-    start_freedrive = direct(URDriver.start_freedrive)
-    keep_freedrive = direct(URDriver.keep_freedrive)
-    stop_freedrive = direct(URDriver.stop_freedrive)
-
-    execute = blocking(URDriver.execute)
-    start_trajectory = blocking(URDriver.start_trajectory)
-    trajectory_result = blocking(URDriver.trajectory_result)
-    cancel_trajectory = blocking(URDriver.cancel_trajectory)
-    start_stream = blocking(URDriver.start_stream)
-    stream = blocking(URDriver.stream)
-    end_stream = blocking(URDriver.end_stream)
-
-    query = blocking(URDriver.query)
-    set_stream_parameters = blocking(URDriver.set_stream_parameters)
-    set_freedrive_axes = blocking(URDriver.set_freedrive_axes)
-    set_force_mode_parameters = blocking(URDriver.set_force_mode_parameters)
-    start_contact_detection = blocking(URDriver.start_contact_detection)
-    stop_contact_detection = blocking(URDriver.stop_contact_detection)
-    zero_ftsensor = blocking(URDriver.zero_ftsensor)
-    set_payload = blocking(URDriver.set_payload)
-    set_target_payload = blocking(URDriver.set_target_payload)
-    set_tool_voltage = blocking(URDriver.set_tool_voltage)
-    set_gravity = blocking(URDriver.set_gravity)
-    set_tcp = blocking(URDriver.set_tcp)
-    start_force_mode = blocking(URDriver.start_force_mode)
-    end_force_mode = blocking(URDriver.end_force_mode)
-    start_tool_contact = blocking(URDriver.start_tool_contact)
-    end_tool_contact = blocking(URDriver.end_tool_contact)
-    tool_contact_result = blocking(URDriver.tool_contact_result)
-    ft_rtde_input_enable = blocking(URDriver.ft_rtde_input_enable)
-    set_friction_compensation = blocking(URDriver.set_friction_compensation)
-    set_friction_scales = blocking(URDriver.set_friction_scales)
-
-    def next_state(self) -> ReceivedState:
-        """The RTDE state after the newest one."""
-        feed = self.inner.robot.feed
-        return feed.wait(feed.count, self.inner.config.silence_s)
-
-    @property
-    def loss_reason(self) -> str:
-        """Why the last control program ended, if this machine was the cause; otherwise empty."""
-        return self.inner.loss_reason
-
-    @property
-    def program_running(self) -> bool:
-        """True while the control program is connected."""
-        return self.inner.program_running
-
-    @property
-    def protective_stopped(self) -> bool:
-        """True during a protective stop."""
-        return self.inner.protective_stopped
-
-    @property
-    def state(self) -> ReceivedState:
-        """The newest RTDE state, by variable name, whatever its age (``state.age_s``)."""
-        return self.inner.state

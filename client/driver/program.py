@@ -3,8 +3,6 @@
 import asyncio
 import logging
 import secrets
-import threading
-import time
 from collections.abc import Mapping
 from contextlib import AsyncExitStack, suppress
 from types import TracebackType
@@ -13,15 +11,16 @@ from typing import Any, Final
 from client import dashboard
 from client.driver.config import DriverConfig
 from client.driver.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
-from client.driver.endpoint import Endpoint, Peer, ReverseEndpoint, ScriptSender
+from client.driver.endpoint import Endpoint, Peer
+from client.driver.keep_alive import KeepAliveThread
+from client.driver.link import MOVABLE, RobotLink, cancel
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
-from client.driver.robot import MOVABLE, RobotLink, cancel
-from client.driver.scheduling import RealTime, real_time_thread
-from client.driver.standstill import Standstill
+from client.driver.reverse import ReverseEndpoint
+from client.driver.script_sender import ScriptSender
 from client.errors import ProgramNotRunningError, ProgramStaysError
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
-from urproto.errors import LocalProtocolError, RobotRefused, URError
+from urproto.errors import RobotRefused, URError
 from urproto.external_control import ControlMode
 from urproto.modes import RobotMode, RuntimeState
 
@@ -30,111 +29,12 @@ _ENDED: Final = (RuntimeState.STOPPING, RuntimeState.STOPPED)
 _STOP_LINE: Final = "stop program"
 _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 
-_CHECK_S: Final = 0.02  # guess: interval of the check for missing setpoints
 _KEEP_ALIVE_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
 _TOKEN_DELAY_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
 _LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
 
 _logger = logging.getLogger(__name__)
-
-
-class KeepAliveThread:
-    """Sends keep-alive messages from a dedicated thread; use it with ``with``.
-
-    period_s: interval; timeout_s: how long the program waits for the next message. Two events end the program: a
-    watchdog that is not kicked, if the owner has set one, and an event loop that hangs for ``hang_s``, that is, does
-    not call `report_alive`. Otherwise this thread would keep the arm moving while the rest of the program hangs.
-    """
-
-    stop_reason: str
-    """Why the watchdog ended the program, until the next one starts; otherwise empty."""
-
-    def __init__(
-        self,
-        reverse: ReverseEndpoint,
-        period_s: float,
-        timeout_s: float,
-        realtime: RealTime = "auto",
-        hang_s: float = 0.0,
-        standstill: Standstill | None = None,
-    ) -> None:
-        self._reverse = reverse
-        self._period_s = period_s
-        self._timeout_s = timeout_s
-        self._realtime = realtime
-        self._ended = threading.Event()
-        self._watchdog_s = 0.0
-        self._kicked_s = 0.0
-        self._hang_timeout_s = hang_s
-        self._standstill = Standstill() if standstill is None else standstill
-        self._loop_alive_s = time.monotonic()
-        self.stop_reason = ""
-        self._thread = threading.Thread(target=self._run, name="driver's keep-alive", daemon=True)
-
-    def __enter__(self) -> "KeepAliveThread":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.join()
-
-    def watch(self, timeout_s: float) -> None:
-        """End the program if `kick` is not called for ``timeout_s``; 0 disables the watchdog."""
-        if not timeout_s >= 0.0:
-            raise LocalProtocolError(f"a watchdog timeout is 0 s (off) or more, not {timeout_s}")
-        self.kick()
-        self._watchdog_s = timeout_s
-
-    def kick(self) -> None:
-        """Report that the owner is alive."""
-        self._kicked_s = time.monotonic()
-
-    def report_alive(self) -> None:
-        """Report that the event loop is alive."""
-        self._loop_alive_s = time.monotonic()
-
-    def _run(self) -> None:
-        try:
-            real_time_thread(self._realtime)
-        except OSError as error:
-            _logger.error("%s", error)
-        due_s = time.monotonic() + self._period_s
-        while not self._ended.wait(min(_CHECK_S, self._period_s)):
-            self._standstill.beat()
-            try:
-                due_s = self._cycle(due_s)
-            except Exception:
-                _logger.debug("no program to keep alive", exc_info=True)  # it has just disconnected
-
-    def _cycle(self, due_s: float) -> float:
-        if not self._reverse.connected:
-            return due_s
-        now = time.monotonic()
-        if why := self._hang_reason(now):
-            if not self.stop_reason:
-                self.stop_reason = why
-                self._watchdog_s = 0.0  # a caller that restarts the program sets it again
-                _logger.error("%s: the control program is stopped", why)
-                self._reverse.stop()
-            return due_s
-        self._reverse.end_late_stream()
-        if now < due_s:
-            return due_s
-        self._reverse.continue_mode(self._timeout_s)
-        return now + self._period_s
-
-    def _hang_reason(self, now: float) -> str:
-        """Say why the arm must not keep moving; "" if it may."""
-        if self._watchdog_s and now - self._kicked_s > self._watchdog_s:
-            late_s = now - self._kicked_s
-            return f"the watchdog was not kicked for {late_s:.2f} s, its timeout is {self._watchdog_s:g} s"
-        if self._hang_timeout_s and now - self._loop_alive_s > self._hang_timeout_s:
-            if why := self._standstill.describe():
-                return why
-            return f"the event loop of this program has hung for {now - self._loop_alive_s:.1f} s"
-        return ""
 
 
 class ProgramSupervisor:
@@ -156,7 +56,7 @@ class ProgramSupervisor:
     losses: int
     """Number of programs that ended because of this machine."""
 
-    def __init__(self, config: DriverConfig, robot: RobotLink) -> None:
+    def __init__(self, config: DriverConfig, link: RobotLink) -> None:
         self.reverse = ReverseEndpoint(config.reverse_port)
         self.sender = ScriptSender(self.text, config.sender_port)
         self.trajectory = TrajectoryEndpoint(config.trajectory_port)
@@ -167,10 +67,10 @@ class ProgramSupervisor:
             config.keep_alive_timeout_s,
             config.realtime,
             config.hang_s,
-            robot.feed.standstill,
+            link.feed.standstill,
         )
         self._config = config
-        self._robot = robot
+        self._link = link
         self._own_address = ""
         self._has_played = False  # the robot's state has shown it running
         self.losses = 0
@@ -192,16 +92,16 @@ class ProgramSupervisor:
     async def __aenter__(self) -> Self:
         """Open the ports; the program is not started yet. Raises OSError for a port that is in use."""
         async with AsyncExitStack() as opening:
-            self._own_address = self._config.own_address or self._robot.own_address
-            self.reverse.period_s = self._robot.version.series.period_s
+            self._own_address = self._config.own_address or self._link.own_address
+            self.reverse.period_s = self._link.version.series.period_s
             for endpoint in self._endpoints:
                 endpoint.token = self._token
                 endpoint.host = self._own_address if self._config.listen_on is None else self._config.listen_on
                 await opening.enter_async_context(endpoint)
-            self._robot.on_silence.append(self._on_silence)
-            self._robot.on_text.append(self._on_text)
-            self._robot.on_modes.append(self._track_end)
-            self._track_end(self._robot.state)
+            self._link.on_silence.append(self._on_silence)
+            self._link.on_text.append(self._on_text)
+            self._link.on_modes.append(self._track_end)
+            self._track_end(self._link.state)
             opening.enter_context(self.keep_alive)
             opening.push_async_callback(cancel, asyncio.create_task(self._report_alive()))
             self._open = opening.pop_all()
@@ -211,7 +111,7 @@ class ProgramSupervisor:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the program, which stops the arm, and close the ports."""
-        self._robot.on_text.remove(self._on_text)  # a program that is lost from now on is not restarted
+        self._link.on_text.remove(self._on_text)  # a program that is lost from now on is not restarted
         try:
             with suppress(ProgramStaysError):
                 await self.stop()
@@ -230,7 +130,7 @@ class ProgramSupervisor:
     @property
     def _has_ended(self) -> bool:
         """Whether the program has ended by the robot's state, which may show it before the connection does."""
-        state = self._robot.state["runtime_state"]
+        state = self._link.state["runtime_state"]
         if not self._has_played and state in _PLAYED:
             self._has_played = True
         return self._has_played and state in _ENDED
@@ -261,7 +161,7 @@ class ProgramSupervisor:
 
     def text(self) -> str:
         """The program in the form that the URCap receives."""
-        return self.control_program().render(self._robot.version)
+        return self.control_program().render(self._link.version)
 
     async def start(self) -> None:
         """Start or restart the program, and wait until it is connected; see `URDriver.start_program`."""
@@ -278,13 +178,13 @@ class ProgramSupervisor:
         await self._end_old_program()
         self.keep_alive.stop_reason = ""
         self.keep_alive.report_alive()
-        await self._robot.clear_errors()
+        await self._link.clear_errors()
         self._starting = self._config.headless
         try:
             if self._config.headless:
                 # A paused program takes the new one's place and only ends (issue 123 of the official client library).
-                await self._robot.send_script(_STOP_LINE)
-                await self._robot.send_script(self.control_program().render_headless(self._robot.version))
+                await self._link.send_script(_STOP_LINE)
+                await self._link.send_script(self.control_program().render_headless(self._link.version))
             else:
                 await self._play()
             await self._wait_for_program()
@@ -302,25 +202,25 @@ class ProgramSupervisor:
     # starting
 
     def _check_modes(self) -> None:
-        if self._robot.safety_mode not in MOVABLE:
+        if self._link.safety_mode not in MOVABLE:
             raise RobotRefused(
                 "start of the control program",
-                f"its safety mode is {self._robot.safety_mode.name}: clear the cause, then unlock "
+                f"its safety mode is {self._link.safety_mode.name}: clear the cause, then unlock "
                 "(dashboard: unlock protective stop) or restart the safety system",
             )
-        if self._robot.robot_mode is not RobotMode.RUNNING:
+        if self._link.robot_mode is not RobotMode.RUNNING:
             raise RobotRefused(
                 "start of the control program",
-                f"its mode is {self._robot.robot_mode.name}: power it on and release the brakes",
+                f"its mode is {self._link.robot_mode.name}: power it on and release the brakes",
             )
 
     async def _end_old_program(self) -> None:
         if self.reverse.connected:
-            await self._robot.send_script(_STOP_LINE)
+            await self._link.send_script(_STOP_LINE)
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
 
     async def _play(self) -> None:
-        board = self._robot.dashboard
+        board = self._link.dashboard
         assert board is not None
         if self._config.program is not None:
             await board.request(dashboard.load(self._config.program))
@@ -334,7 +234,7 @@ class ProgramSupervisor:
 
     async def _wait_for_program(self) -> None:
         connected = asyncio.create_task(self.reverse.wait_connected(self._config.start_timeout_s))
-        failed = asyncio.create_task(self._robot.script_error())
+        failed = asyncio.create_task(self._link.script_error())
         try:
             await asyncio.wait((connected, failed), return_when=asyncio.FIRST_COMPLETED)
             if failed.done():
@@ -410,7 +310,7 @@ class ProgramSupervisor:
         disconnected = not self.reverse.connected
         if self._starting or self._played_since_s is None or not (disconnected or self._seen_ended):
             return
-        if self._robot.state["timestamp"] - self._played_since_s < _TOKEN_DELAY_S:
+        if self._link.state["timestamp"] - self._played_since_s < _TOKEN_DELAY_S:
             return  # this driver's program has not had time to send its token yet, by the robot's clock
         now_s = asyncio.get_running_loop().time()
         if (disconnected and not self._seen_ended and now_s - self._disconnected_s < _LINGER_S) or (
@@ -437,13 +337,13 @@ class ProgramSupervisor:
     def _on_text(self, text: str) -> None:
         """Handle the control program's messages about its driver."""
         if text == LATE_TEXT:
-            why = self._robot.feed.standstill.describe()
+            why = self._link.feed.standstill.describe()
             self.reverse.report_late(f"the robot waited too long for the next setpoint{why and f' ({why})'}")
         elif text == GONE_TEXT and not self.keep_alive.stop_reason and not self._start_stop_lock.locked():
             # While a program is being started or stopped, this text comes from the previous program. Restarting then
             # would end the program that the caller has just started.
             self.losses += 1
-            why = self._robot.feed.standstill.describe() or (
+            why = self._link.feed.standstill.describe() or (
                 f"{self.reverse.silence_s:.1f} s by this machine's clock, or the network failed"
             )
             self._loss_reason = f"the robot received nothing from this machine for too long ({why})"
@@ -456,8 +356,8 @@ class ProgramSupervisor:
         try:
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
             async with timeout(_END_TIMEOUT_S):
-                while self._robot.state["runtime_state"] != RuntimeState.STOPPED:
-                    await self._robot.next_state()
+                while self._link.state["runtime_state"] != RuntimeState.STOPPED:
+                    await self._link.next_state()
             self._restart = None  # from here on it is no longer cancelled, but waited for
             async with self._start_stop_lock:
                 await self._start()

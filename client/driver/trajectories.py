@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import Final
 
 from client.driver.config import DriverConfig
+from client.driver.link import RobotLink
 from client.driver.program import ProgramSupervisor
-from client.driver.robot import RobotLink
 from client.quantities import points_of
 from urproto.errors import LocalProtocolError
 from urproto.external_control import MotionType, TrajectoryAction, TrajectoryPoint, TrajectoryResult
@@ -23,8 +23,8 @@ class Trajectories:
     `URDriver` documents the methods.
     """
 
-    def __init__(self, config: DriverConfig, robot: RobotLink, program: ProgramSupervisor) -> None:
-        self._robot = robot
+    def __init__(self, config: DriverConfig, link: RobotLink, program: ProgramSupervisor) -> None:
+        self._link = link
         self._program = program
         self._reverse = program.reverse
         self._port = program.trajectory
@@ -59,7 +59,7 @@ class Trajectories:
         if self._cancelling and result is not TrajectoryResult.CANCELED:
             await self._port.result(timeout_s)  # it ended just before, but the cancellation is answered too
         self._executing = self._cancelling = False
-        await self._robot.state_from_now()  # states may take longer than the result
+        await self._link.state_from_now()  # states may take longer than the result
         return result
 
     async def cancel(self) -> TrajectoryResult:
@@ -107,7 +107,7 @@ class Trajectories:
     def _checked(self, given: Iterable[TrajectoryPoint]) -> list[TrajectoryPoint]:
         points = points_of(given)
         if any(point.type in _OPTIMOVES for point in points):
-            self._robot.require("optimove")
+            self._link.require("optimove")
         return points
 
     def _program_changed(self, connected: bool) -> None:

@@ -30,7 +30,7 @@ _DOING: Final = "the excitation"
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class ExcitationBounds:
     """Bounds of the motion: angle of every joint from its start [rad], its speed [rad/s] and acceleration [rad/s2],
     and the lowest height of any link [m, base frame].
     """
@@ -42,10 +42,14 @@ class Bounds:
 
 
 def excitation(
-    model: RobotModel, start_rad: Sequence[float], duration_s: float, bounds: Bounds | None = None, seed: int = 0
+    model: RobotModel,
+    start_rad: Sequence[float],
+    duration_s: float,
+    bounds: ExcitationBounds | None = None,
+    seed: int = 0,
 ) -> JointPath:
     """A motion that starts and ends at rest at start_rad. Raises OutOfReachError if none stays within the bounds."""
-    bounds = bounds or Bounds()
+    bounds = bounds or ExcitationBounds()
     start = np.asarray(start_rad, float)
     chance = np.random.default_rng(seed)
     time_s = np.linspace(0.0, duration_s, max(3, round(duration_s / _KNOT_S) + 1))
@@ -73,7 +77,9 @@ def _waves(time_s: Array, chance: np.random.Generator) -> Array:
     return np.asarray(envelope[:, None] * (np.sin(turning) * weights).sum(axis=1))
 
 
-def _scaled(time_s: Array, waves: Array, model: RobotModel, bounds: Bounds, size: float) -> tuple[Array, Array]:
+def _scaled(
+    time_s: Array, waves: Array, model: RobotModel, bounds: ExcitationBounds, size: float
+) -> tuple[Array, Array]:
     """Scale each joint's motion to the bounds: angles and speeds (n, 6)."""
     speed = np.gradient(waves, time_s, axis=0)
     speed[[0, -1]] = 0.0

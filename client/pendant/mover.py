@@ -12,7 +12,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from client.calibration import geometry_of, model_of
-from client.driver.robot import MOVABLE
+from client.driver.link import MOVABLE
 from client.errors import (
     ClientError,
     LateSetpointError,
@@ -298,7 +298,7 @@ class Mover:
 
 def _bounds(robot: AsyncRobot) -> Bounds:
     """The limits that the robot reports, infinite if it reports none."""
-    link = robot.driver.robot
+    link = robot.driver.link
     arm = link.configuration
     if arm is None:
         return Bounds((-inf,) * 6, (inf,) * 6, (inf,) * 6)
@@ -318,7 +318,7 @@ def _user_error(error: BaseException, activity: str) -> BaseException:
 
 
 def _is_controllable(robot: AsyncRobot) -> bool:
-    return robot.driver.program_running and robot.driver.robot.safety_mode in MOVABLE
+    return robot.driver.program_running and robot.driver.link.safety_mode in MOVABLE
 
 
 def _mode_name(mode: int) -> str:

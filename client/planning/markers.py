@@ -66,7 +66,7 @@ class SceneDrawing:
     [rad], such as `Plan.trajectory.q`.
 
         drawing = SceneDrawing(scene, plan.trajectory.q)
-        robot.inner.driver.robot.on_state.append(drawing.onto(recorder))
+        robot.inner.driver.link.on_state.append(drawing.onto(recorder))
     """
 
     def __init__(self, scene: PlanningScene, path_rad: Array | None = None) -> None:

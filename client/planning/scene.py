@@ -185,11 +185,6 @@ class PlanningScene:
         self._allowed.add(frozenset((self._check_name(one), self._check_name(other))))
         self.revision += 1
 
-    def forbid(self, one: str, other: str) -> None:
-        """Undo `allow`."""
-        self._allowed.discard(frozenset((self._check_name(one), self._check_name(other))))
-        self.revision += 1
-
     def allows(self, one: str, other: str) -> bool:
         """Whether these two may touch."""
         return frozenset((one, other)) in self._allowed

@@ -66,7 +66,7 @@ class Recorder:
     file can no longer be written, the error says how many states are in it.
 
         with Recorder("run.mcap") as recorder, Robot(host, outputs=DEFAULT_FIELDS) as robot:
-            robot.inner.driver.robot.on_state.append(recorder.write)
+            robot.inner.driver.link.on_state.append(recorder.write)
     """
 
     def __init__(

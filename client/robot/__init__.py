@@ -10,7 +10,7 @@
 """
 
 from client.robot.blocking import Robot
-from client.robot.facade import AsyncRobot
+from client.robot.robot import AsyncRobot
 from client.robot.state import RobotState
 
 __all__ = ["AsyncRobot", "Robot", "RobotState"]

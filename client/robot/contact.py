@@ -79,4 +79,4 @@ class Force:
 
         Raises RobotRefused while another client writes this input.
         """
-        await self._driver.robot.write_inputs(external_force_torque=tuple(wrench))
+        await self._driver.link.write_inputs(external_force_torque=tuple(wrench))

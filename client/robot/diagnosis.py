@@ -7,7 +7,7 @@ from typing import Final
 
 from client import dashboard
 from client.driver import URDriver
-from client.driver.robot import MOVABLE
+from client.driver.link import MOVABLE
 from client.errors import (
     ClientError,
     NoAnswerError,
@@ -54,7 +54,7 @@ class Diagnosis:
     def watch(self) -> None:
         """Start watching; the driver must be connected."""
         self.driver.on_safety_mode(self._on_safety_mode)
-        self.driver.robot.on_silence.append(self._on_silence)
+        self.driver.link.on_silence.append(self._on_silence)
 
     @property
     def silent(self) -> bool:
@@ -76,27 +76,27 @@ class Diagnosis:
     async def state_from_now(self, operation: str) -> None:
         """Wait for a state that the robot takes from now on. Raises RobotUnreachableError, and StaleStateError."""
         try:
-            await self.driver.robot.state_from_now()
+            await self.driver.link.state_from_now()
         except NoAnswerError:
             raise self.unreachable(operation) from None
 
     async def fresh_state(self, operation: str) -> RobotState:
         """The newest state that is young enough. Raises RobotUnreachableError, and StaleStateError."""
         try:
-            return RobotState.of(await self.driver.robot.fresh_state())
+            return RobotState.of(await self.driver.link.fresh_state())
         except NoAnswerError:
             raise self.unreachable(operation) from None
 
     def check_safety(self, operation: str) -> None:
         """Raise SafetyStopError, or ProtectiveStopError, while a stop is in effect."""
-        mode = self.driver.robot.safety_mode
+        mode = self.driver.link.safety_mode
         if mode not in MOVABLE:
             kind = ProtectiveStopError if mode is SafetyMode.PROTECTIVE_STOP else SafetyStopError
             raise kind(operation, mode, self.reported(), _ADVICE.get(mode, "follow the instructions on the pendant"))
 
     async def refuse_in_stop(self, operation: str) -> None:
         """Like `check_safety`, but wait for the cause, which arrives on another connection than the mode."""
-        if self.driver.robot.safety_mode not in MOVABLE:
+        if self.driver.link.safety_mode not in MOVABLE:
             await self.wait_for_messages(lambda: bool(self.reported()))
         self.check_safety(operation)
 
@@ -104,8 +104,8 @@ class Diagnosis:
         """Return the error for a lost connection, or for a robot that sends nothing."""
         config = self.driver.config
         reason = f"the connection was lost, or the robot stopped sending, during {operation}"
-        advice = self.driver.robot.feed.standstill.describe() or "check the network, and that the controller is up"
-        return RobotUnreachableError(config.robot, config.robot_ports["rtde"], reason, advice)
+        advice = self.driver.link.feed.standstill.describe() or "check the network, and that the controller is up"
+        return RobotUnreachableError(config.host, config.robot_ports["rtde"], reason, advice)
 
     async def end_error(self, operation: str) -> Exception:
         """Return the exception that says why ``operation`` ended, as far as the robot reports it."""
@@ -135,12 +135,12 @@ class Diagnosis:
 
         A robot that is playing a program accepts scripts.
         """
-        if any(report.code == _LOCAL_CONTROL_CODE for report in self.driver.robot.reports):
+        if any(report.code == _LOCAL_CONTROL_CODE for report in self.driver.link.reports):
             return True
         if self.driver.state["runtime_state"] == RuntimeState.PLAYING:
             return False
         try:
-            board = self.driver.robot.dashboard
+            board = self.driver.link.dashboard
             return board is not None and not await board.request(dashboard.IS_IN_REMOTE_CONTROL)
         except URError:  # a version without remote control, or a dashboard that is gone
             return False
@@ -149,7 +149,7 @@ class Diagnosis:
         """The last error that the robot reported since the program was started; "" without one."""
         grave = [
             report
-            for report in self.driver.robot.reports
+            for report in self.driver.link.reports
             if ReportLevel.WARNING <= report.level < ReportLevel.DEVELOPER_DEBUG
         ]
         return _describe(grave[-1]) if grave else ""
@@ -159,9 +159,9 @@ class Diagnosis:
         failures: list[ScriptFailedError] = []
 
         def received() -> bool:
-            if failure := self.driver.robot.pop_script_error():
+            if failure := self.driver.link.pop_script_error():
                 failures.append(failure)
-            stopped = self.driver.robot.safety_mode not in MOVABLE and self.reported()
+            stopped = self.driver.link.safety_mode not in MOVABLE and self.reported()
             return bool(failures or self.silent or stopped or self.driver.loss_reason)
 
         await self.wait_for_messages(received)
@@ -172,14 +172,14 @@ class Diagnosis:
             return str(failure)
         if self.driver.loss_reason:
             return self.driver.loss_reason
-        mode = self.driver.robot.robot_mode
+        mode = self.driver.link.robot_mode
         if mode is not RobotMode.RUNNING:
             return f"the robot's mode is {mode.name}"
         return self.reported() or "it was stopped on the robot, or another program replaced it"
 
     def _on_safety_mode(self, mode: SafetyMode) -> None:
         if mode in MOVABLE:
-            self.driver.robot.reports.clear()  # they belong to a stop that is over
+            self.driver.link.reports.clear()  # they belong to a stop that is over
         else:
             self.alarm.set()
 

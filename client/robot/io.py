@@ -2,6 +2,7 @@
 
 from typing import Any, Final
 
+from client.blocking import thread_safe
 from client.driver import URDriver
 from client.quantities import checked
 from urproto.errors import LocalProtocolError
@@ -33,10 +34,12 @@ class IO:
         low, high = _AMPERES
         await self._set_analog(number, 0, (amperes - low) / (high - low))
 
+    @thread_safe
     def analog_in(self, number: int) -> float:
         """Value of analog input 0 or 1 [V or A, depending on its configuration]."""
         return float(self._value(f"standard_analog_input{_analog(number)}"))
 
+    @thread_safe
     def analog_out(self, number: int) -> float:
         """Value of analog output 0 or 1 [V or A, depending on its configuration]."""
         return float(self._value(f"standard_analog_output{_analog(number)}"))
@@ -47,16 +50,18 @@ class IO:
 
     async def set_int_register(self, number: int, value: int) -> None:
         """Write input register 0 to 47, for programs on the robot to read; 24 to 47 are reserved for clients."""
-        await self._driver.robot.write_inputs(**{f"input_int_register_{_register(number)}": value})
+        await self._driver.link.write_inputs(**{f"input_int_register_{_register(number)}": value})
 
     async def set_double_register(self, number: int, value: float) -> None:
         """Write input register 0 to 47, for programs on the robot to read; 24 to 47 are reserved for clients."""
-        await self._driver.robot.write_inputs(**{f"input_double_register_{_register(number)}": value})
+        await self._driver.link.write_inputs(**{f"input_double_register_{_register(number)}": value})
 
+    @thread_safe
     def int_register(self, number: int) -> int:
         """Value of output register 0 to 47, written by a program on the robot; ``outputs`` must include it."""
         return int(self._value(f"output_int_register_{_register(number)}"))
 
+    @thread_safe
     def double_register(self, number: int) -> float:
         """Value of output register 0 to 47, written by a program on the robot; ``outputs`` must include it."""
         return float(self._value(f"output_double_register_{_register(number)}"))
@@ -64,10 +69,10 @@ class IO:
     async def _set_analog(self, number: int, domain: int, share: float) -> None:
         bit = 1 << _analog(number)
         values: dict[str, Any] = {"standard_analog_output_mask": bit, "standard_analog_output_type": domain * bit}
-        await self._driver.robot.write_inputs(**values, **{f"standard_analog_output_{number}": share})
+        await self._driver.link.write_inputs(**values, **{f"standard_analog_output_{number}": share})
 
     def _value(self, name: str) -> Any:
-        values = self._driver.robot.feed.fresh()
+        values = self._driver.link.feed.fresh()
         if name not in values:
             raise LocalProtocolError(
                 f"{name} is not received: request it when connecting, Robot(host, outputs=({name!r},))"

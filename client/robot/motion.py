@@ -168,7 +168,11 @@ class MotionRunner:
         motion.result()
 
     async def wait_for(self, condition: Callable[[RobotState], bool], timeout_s: float | None = None) -> RobotState:
-        """Check every state until the condition is true for one of them, and return that state; see `AsyncRobot`."""
+        """Check every state until the condition is true for one of them, and return that state.
+
+        Raises WaitTimeoutError, the error that ends the motion under way, and RobotUnreachableError if the robot stops
+        sending states. The condition must be quick and must not call the robot.
+        """
         try:
             async with timeout(timeout_s):
                 while not condition(state := await self.diagnosis.fresh_state("wait_for")):
@@ -180,7 +184,11 @@ class MotionRunner:
         return state
 
     async def stop(self, deceleration_rad_s2: float = DECELERATION) -> None:
-        """Bring the arm to rest, and return when it is; a caller waiting for the motion gets MotionStoppedError."""
+        """Bring the arm to rest, and return when it is; a caller waiting for the motion gets MotionStoppedError.
+
+        The control program continues and accepts the next motion. This stops motions that were started by this object;
+        to stop another program, use ``driver.link.send_script("stop program")``.
+        """
         self.stops += 1
         if self.driver.program_running and not self.diagnosis.paused:
             await self.tune("stop", deceleration_rad_s2=deceleration_rad_s2)

@@ -1,12 +1,16 @@
 """Motions that end by themselves: trajectories, speeds for a duration, approach until contact."""
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
+from client.driver import points
+from client.driver.control_program import SPEED_ACCELERATION
+from client.driver.reverse import MAX_REAL_TIME_S
 from client.errors import LateSetpointError, MotionError, MotionStoppedError, NoAnswerError
 from client.quantities import QUANTITIES, points_of
 from client.robot.motion import MotionRunner
@@ -14,7 +18,14 @@ from client.robot.reach import reach_of
 from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError
 from urproto.external_control import Query, TrajectoryPoint, TrajectoryResult
+from urproto.robots.pose import Pose, pose_trans
+from urproto.vectors import ZERO6
 
+_JOINT_SPEED: Final = 1.04  # rad/s and rad/s2, m/s and m/s2: the defaults of URScript
+_JOINT_ACCELERATION: Final = 1.4
+_TOOL_SPEED: Final = 0.25
+_TOOL_ACCELERATION: Final = 1.2
+_JOG_ACCELERATION: Final = 0.5  # m/s2, ur_rtde's default
 _READ_STATES: Final = 20  # guess: messages sent while the arm returned from a contact are read within this
 _LONG_WAIT_S: Final = 0.1  # guess: half of the time that a robot waits for a setpoint
 
@@ -35,7 +46,7 @@ class MotionProgress:
 
 
 class Moves:
-    """The three kinds of motion behind the moves of `AsyncRobot`, which documents them."""
+    """The moves of `AsyncRobot`, of three kinds: points, speeds for a duration, speeds until a contact."""
 
     def __init__(self, motion: MotionRunner) -> None:
         self._motion = motion
@@ -46,23 +57,151 @@ class Moves:
     async def progress(self) -> MotionProgress:
         """Progress of the motion under way, as the robot reports it."""
         point, executing = await self._motion.readiness.query("progress", Query.PROGRESS)
-        points = len(self._points) if self._motion.moving else 0
-        running = self._motion.moving and (bool(executing) or not points)
+        count = len(self._points) if self._motion.moving else 0
+        running = self._motion.moving and (bool(executing) or not count)
         return MotionProgress(
-            self._motion.operation if running else "", running, max(0, round(point) - 1) if points else 0, points
+            self._motion.operation if running else "", running, max(0, round(point) - 1) if count else 0, count
         )
+
+    async def move_j(
+        self,
+        q_rad: Sequence[float] | None = None,
+        *,
+        pose_base_tcp: Sequence[float] | None = None,
+        near_q_rad: Sequence[float] | None = None,
+        speed_rad_s: float = _JOINT_SPEED,
+        acceleration_rad_s2: float = _JOINT_ACCELERATION,
+        duration_s: float = 0.0,
+        wait: bool = True,
+    ) -> None:
+        """Move all joints at the same time to joint angles, or to a pose.
+
+        A pose is reached by the inverse kinematics solution nearest to ``near_q_rad``, by default to the present joint
+        angles. Speed and acceleration apply to the joint with the longest distance; a duration above 0 replaces both.
+        """
+        speeds = {"v": speed_rad_s, "a": acceleration_rad_s2, "duration_s": duration_s}
+        if (q_rad is None) == (pose_base_tcp is None):
+            raise LocalProtocolError("move_j takes either joint angles or a pose: give one of them")
+        if q_rad is not None:
+            point = points.movej(q_rad, **speeds)
+        else:
+            assert pose_base_tcp is not None
+            point = points.movej_pose(pose_base_tcp, near_q_rad=near_q_rad, **speeds)
+        await self.execute("move_j", [point], wait)
+
+    async def move_l(
+        self,
+        pose_base_tcp: Sequence[float],
+        *,
+        speed_m_s: float = _TOOL_SPEED,
+        acceleration_m_s2: float = _TOOL_ACCELERATION,
+        duration_s: float = 0.0,
+        wait: bool = True,
+    ) -> None:
+        """Move the TCP in a straight line; a duration above 0 replaces speed and acceleration."""
+        point = points.movel(pose_base_tcp, v=speed_m_s, a=acceleration_m_s2, duration_s=duration_s)
+        await self.execute("move_l", [point], wait)
+
+    async def move_p(
+        self,
+        pose_base_tcp: Sequence[float],
+        *,
+        speed_m_s: float = _TOOL_SPEED,
+        acceleration_m_s2: float = _TOOL_ACCELERATION,
+        wait: bool = True,
+    ) -> None:
+        """Move the TCP in a straight line at constant speed, for processes such as gluing."""
+        await self.execute("move_p", [points.movep(pose_base_tcp, v=speed_m_s, a=acceleration_m_s2)], wait)
+
+    async def move_c(
+        self,
+        via_base_tcp: Sequence[float],
+        pose_base_tcp: Sequence[float],
+        *,
+        speed_m_s: float = _TOOL_SPEED,
+        acceleration_m_s2: float = _TOOL_ACCELERATION,
+        fixed_orientation: bool = False,
+        wait: bool = True,
+    ) -> None:
+        """Move the TCP on the circular arc through ``via_base_tcp``.
+
+        The orientation is interpolated towards the target's, or with ``fixed_orientation`` stays fixed relative to the
+        arc.
+        """
+        point = points.movec(
+            via_base_tcp, pose_base_tcp, v=speed_m_s, a=acceleration_m_s2, fixed_orientation=fixed_orientation
+        )
+        await self.execute("move_c", [point], wait)
+
+    async def sequence(self, moves: Iterable[TrajectoryPoint], *, wait: bool = True) -> None:
+        """Execute moves of `client.points` as one trajectory, without stopping where they blend.
+
+        With ``points.movel(pose, blend_radius_m=0.02)`` the next move begins 2 cm before the pose. The last move must
+        not blend.
+        """
+        await self.execute("the sequence", moves, wait)
+
+    async def speed_j(
+        self,
+        qd_rad_s: Sequence[float],
+        duration_s: float,
+        *,
+        acceleration_rad_s2: float = SPEED_ACCELERATION,
+        wait: bool = True,
+    ) -> None:
+        """Move the joints at speeds (6,) [rad/s] for ``duration_s``, then come to rest.
+
+        A call that replaces a previous one continues from its speeds, without a stop in between.
+        """
+        send = partial(self._driver.speedj, qd_rad_s)
+        await self._send_speeds("speed_j", lambda _: send(), duration_s, acceleration_rad_s2, wait)
+
+    async def speed_l(
+        self,
+        velocity_base: Sequence[float],
+        duration_s: float,
+        *,
+        acceleration_m_s2: float = SPEED_ACCELERATION,
+        wait: bool = True,
+    ) -> None:
+        """Move the TCP at a velocity in the base frame (6,) [m/s, rad/s] for ``duration_s``, then come to rest."""
+        send = partial(self._driver.speedl, velocity_base)
+        await self._send_speeds("speed_l", lambda _: send(), duration_s, acceleration_m_s2, wait)
+
+    async def jog(
+        self,
+        velocity: Sequence[float],
+        *,
+        frame: str | Sequence[float] = "base",
+        acceleration_m_s2: float = _JOG_ACCELERATION,
+    ) -> None:
+        """Move the TCP at a velocity (6,) [m/s, rad/s] until `stop` or the next motion; returns immediately.
+
+        frame: axes of the velocity: "base", "tool" (the TCP's axes, which turn with it), or those of a pose in the base
+        frame (6,). Call it again to change the velocity: there is no stop in between.
+        """
+        turn = _frame_rotation(frame)
+
+        def send(state: RobotState) -> None:
+            x, y, z = state.pose_base_tcp[3:] if turn is None else turn
+            rotation: Pose = (0.0, 0.0, 0.0, x, y, z)
+            linear = pose_trans(rotation, (*velocity[:3], 0.0, 0.0, 0.0))[:3]
+            angular = pose_trans(rotation, (*velocity[3:], 0.0, 0.0, 0.0))[:3]
+            self._driver.speedl((*linear, *angular), MAX_REAL_TIME_S)
+
+        await self._send_speeds("jog", send, math.inf, acceleration_m_s2, False)
 
     async def execute(self, operation: str, moves: Iterable[TrajectoryPoint], wait: bool) -> None:
         """Execute points as one trajectory. Raises OutOfReachError before anything moves."""
         moves = points_of(moves)
         await self._motion.ready(operation)
-        if reach := reach_of(self._driver.robot, self._motion.state.q_rad):
+        if reach := reach_of(self._driver.link, self._motion.state.q_rad):
             reach.check(operation, moves)
         self._points = moves
         await self._motion.launch(operation, partial(self._follow_points, operation, moves), wait)
 
     async def _follow_points(self, operation: str, moves: list[TrajectoryPoint]) -> None:
-        popups = self._driver.robot.popups
+        popups = self._driver.link.popups
         popups.clear()
         program = self._driver.program
         losses = program.losses
@@ -83,14 +222,9 @@ class Moves:
         if result is TrajectoryResult.CANCELED:
             raise MotionStoppedError(operation, "it was cancelled")
 
-    async def come_to_rest(self) -> None:
-        """Bring the arm to rest, after a motion whose caller gave up."""
-        await self._motion.come_to_rest()
-
-    async def send_speeds(
+    async def _send_speeds(
         self, operation: str, send: Callable[[RobotState], None], duration_s: float, acceleration: float, wait: bool
     ) -> None:
-        """Call ``send`` with every state for ``duration_s``, then come to rest."""
         if not duration_s > 0.0:
             raise LocalProtocolError(f"the duration of {operation} must be above 0 s, not {duration_s}")
         await self._motion.ready(operation, rolling=True)
@@ -120,7 +254,7 @@ class Moves:
             try:
                 send(state)
             except LateSetpointError as late:
-                stood_still = self._driver.robot.feed.standstill.describe()
+                stood_still = self._driver.link.feed.standstill.describe()
                 if stood_still or waited_s < _LONG_WAIT_S:
                     why = f"{late.late} ({stood_still})" if stood_still else late.late
                     raise LateSetpointError(operation, why) from None
@@ -133,21 +267,27 @@ class Moves:
             await self._diagnosis.next_state(operation)
             waited_s = time.monotonic() - began_s
 
-    async def until_contact(
+    async def move_until_contact(
         self,
-        velocity: Sequence[float],
-        direction_base: Sequence[float],
-        acceleration: float,
-        timeout_s: float,
-        wait: bool,
+        velocity_base: Sequence[float],
+        *,
+        direction_base: Sequence[float] = ZERO6,
+        acceleration_m_s2: float = _TOOL_ACCELERATION,
+        timeout_s: float = math.inf,
+        wait: bool = True,
     ) -> None:
-        """Move the TCP until the tool touches something, and return to where the contact began."""
+        """Move the TCP at a velocity (6,) [m/s, rad/s] until the tool touches something; PolyScope 5.4 or newer.
+
+        The arm then stops, returns to where the contact began, and rests. direction_base: direction in which contact
+        counts (6,), in the base frame; only the first three numbers are used, and all zeros stand for the direction of
+        motion. Raises MotionError if there is no contact within ``timeout_s``, by the robot's clock.
+        """
         operation = "move_until_contact"
-        self._driver.robot.require("contact")
-        work = partial(self._approach, operation, velocity, direction_base, timeout_s)
+        self._driver.link.require("contact")
         await self._motion.ready(operation)
-        await self._motion.tune(operation, acceleration=acceleration)
+        await self._motion.tune(operation, acceleration=acceleration_m_s2)
         self._points = ()
+        work = partial(self._approach, operation, velocity_base, direction_base, timeout_s)
         await self._motion.launch(operation, work, wait)
 
     async def _approach(
@@ -176,7 +316,7 @@ class Moves:
         await self._motion.come_to_rest()
 
 
-def frame_rotation(frame: str | Sequence[float]) -> Sequence[float] | None:
+def _frame_rotation(frame: str | Sequence[float]) -> Sequence[float] | None:
     """The rotation vector of a frame in the base frame; None for the tool's."""
     if frame == "base":
         return (0.0, 0.0, 0.0)

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, cast
 
+from client.blocking import thread_safe
 from client.calibration import require_model
 from client.errors import PathBlockedError, PlanningError
 from client.quantities import checked
+from client.robot.motion import MotionRunner
 from client.robot.moves import Moves
 from client.robot.state import RobotState
 from urproto.external_control import TrajectoryPoint
@@ -18,7 +20,6 @@ from urproto.robots import Joints, RobotModel
 from urproto.robots.pose import Pose
 
 if TYPE_CHECKING:
-    from client.driver import URDriver
     from client.planning import CartesianPath, Goal, MotionSequenceItem, Plan, Planner, PlanningScene
 
 _CHECK_PERIOD_S: Final = 0.05  # between checks whether the scene has changed; guess
@@ -28,17 +29,19 @@ _CHECK_PERIOD_S: Final = 0.05  # between checks whether the scene has changed; g
 class PlannedMotion:
     """Plans for the arm that the robot reports, from its current configuration, and executes the plans."""
 
-    def __init__(self, driver: "URDriver", moves: Moves) -> None:
-        self._driver = driver
+    def __init__(self, motion: MotionRunner, moves: Moves) -> None:
+        self._motion = motion
+        self._driver = motion.driver
         self._moves = moves
 
     async def model(self) -> RobotModel:
         """The arm for a `PlanningScene`, calibrated if the robot is. Raises PlanningError for an unknown arm."""
-        return require_model(self._driver.robot.configuration, await self._driver.robot.kinematics())
+        return require_model(self._driver.link.configuration, await self._driver.link.kinematics())
 
+    @thread_safe
     def tcp_offset(self) -> Pose:
         """Flange to the robot's TCP. Raises PlanningError before the robot has reported it."""
-        state = self._driver.robot.primary_state
+        state = self._driver.link.primary_state
         if state is None or state.cartesian is None:
             raise PlanningError("the robot has not reported its TCP yet: give the tcp_offset")
         return state.cartesian.tcp_offset
@@ -90,10 +93,10 @@ class PlannedMotion:
         ]
         await self._moves.execute("plan_to", points, wait)
 
-    async def go_to(
+    async def plan_to(
         self, goal: "Goal", scene: "PlanningScene", /, *, wait: bool = True, replan: int = 0, **options: Any
     ) -> None:
-        """Plan and execute; options are those of `plan`.
+        """Move to a goal on a collision-free path in the scene; options are those of `PlannedMotion.plan`.
 
         If another task changes the scene so that the rest of the path is blocked, the arm stops and continues on
         another path, at most ``replan`` times; after that, PathBlockedError is raised. With ``wait=False`` the path is
@@ -128,7 +131,7 @@ class PlannedMotion:
                 if blocked and not executing.done():
                     executing.cancel()
                     await asyncio.wait({executing})
-                    await self._moves.come_to_rest()
+                    await self._motion.come_to_rest()
                     return blocked
             await executing
         finally:
@@ -136,7 +139,7 @@ class PlannedMotion:
         return ""
 
     async def _q_rad(self) -> Joints:
-        return RobotState(await self._driver.robot.fresh_state()).q_rad
+        return RobotState(await self._driver.link.fresh_state()).q_rad
 
     def _with_tcp(self, goal: "Goal") -> "Goal":
         from client.planning import CircGoal, GoalSet, PoseGoal

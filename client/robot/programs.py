@@ -20,7 +20,7 @@ Answer = TypeVar("Answer")
 
 
 @checked
-class Programs:
+class RobotPrograms:
     """Runs programs other than the control program.
 
     A robot runs one program at a time, so the control program is stopped first and started again afterwards.
@@ -32,7 +32,7 @@ class Programs:
 
     async def send(self, text: str) -> None:
         """Send a script without waiting for it. A ``sec`` program runs alongside the control program."""
-        await self._driver.robot.send_script(text)
+        await self._driver.link.send_script(text)
 
     async def run(self, text: str, *, timeout_s: float = float("inf")) -> ScriptResult:
         """Run a ``def`` program, or bare statements, to the end; then restart the control program if it was running.
@@ -44,11 +44,11 @@ class Programs:
         was_running = self._driver.program_running
         await self._driver.stop_program()
         try:
-            async with PrimaryClient(config.robot, config.robot_ports["primary"]) as primary:
+            async with PrimaryClient(config.host, config.robot_ports["primary"]) as primary:
                 return await primary.run(primary.core.execute(text, timeout_s=timeout_s), float("inf"))
         finally:
             if was_running:
-                await self._motion.readiness.start("the script")
+                await self._motion.readiness.restart_program("the script")
 
     async def run_function(self, name: str, body: str, *, timeout_s: float = float("inf")) -> ScriptResult:
         """Like `run`, with the body of a function of this name."""
@@ -73,7 +73,7 @@ class Dashboard:
 
     async def request(self, operation: Operation[Answer]) -> Answer:
         """Carry out any operation of `client.dashboard_commands`; use its ``command("...")`` for any other command."""
-        board = self._driver.robot.dashboard
+        board = self._driver.link.dashboard
         if board is None:
             raise RobotRefused(operation.line, "this robot has no dashboard", "PolyScope X has an HTTP API instead")
         return await board.request(operation)

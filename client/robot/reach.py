@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from client.calibration import geometry_of
-from client.driver.robot import RobotLink
+from client.driver.link import RobotLink
 from client.errors import OutOfReachError
 from urproto.external_control import MotionType, TrajectoryPoint
 from urproto.joints import JOINT_LABELS

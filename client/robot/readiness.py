@@ -29,24 +29,32 @@ class Readiness:
         self._reported_running = False  # the caller believes that the program runs: report its end before a restart
 
     async def make_ready(self, *, program: bool = True) -> None:
-        """See `AsyncRobot.make_ready`."""
+        """Power the arm on, release its brakes and start the control program, as far as that is still to be done.
+
+        program: False leaves the control program alone. The arm moves slightly as its brakes are released. Raises
+        SafetyStopError while a safety stop is in effect, and RobotRefused if the robot refuses.
+        """
         await self.diagnosis.refuse_in_stop("make_ready")
-        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
+        if self.driver.link.robot_mode is not RobotMode.RUNNING:
             await self._release_brakes()
         if program:
             if not self.driver.program_running or self.diagnosis.paused:
-                await self.start("make_ready")
+                await self.restart_program("make_ready")
             self._reported_running = True
 
     async def recover(self) -> None:
-        """See `AsyncRobot.recover`."""
+        """Unlock a protective stop, 5 s after it occurred, and start the control program again.
+
+        Call it only when you know why the arm stopped and that it may move. Raises RobotRefused if the stop recurs
+        immediately, and SafetyStopError for any other kind of stop.
+        """
         if not self.driver.protective_stopped:
             await self.diagnosis.refuse_in_stop("recover")
         await self._start_program("recover", self.driver.recover())
         self._reported_running = True
 
     async def require_program(self, operation: str) -> None:
-        """Make sure that the control program is running and accepts commands; see `AsyncRobot.need_program`."""
+        """Make sure that the control program runs, starting it as a motion would; raises why it does not."""
         if self.diagnosis.silent:
             raise self.diagnosis.unreachable(operation)
         await self.diagnosis.refuse_in_stop(operation)
@@ -55,16 +63,19 @@ class Readiness:
         if self.driver.program_running:
             self._reported_running = True
             return
-        if self.driver.robot.robot_mode is not RobotMode.RUNNING:
-            mode = self.driver.robot.robot_mode.name
+        if self.driver.link.robot_mode is not RobotMode.RUNNING:
+            mode = self.driver.link.robot_mode.name
             raise RobotRefused(operation, f"its mode is {mode}", "make_ready() powers it on and releases its brakes")
         if self._reported_running and (not self.driver.loss_reason or self.driver.keep_alive.stop_reason):
             raise await self.end_error(operation)
-        await self.start(operation)
+        await self.restart_program(operation)
 
-    async def start(self, operation: str) -> None:
-        """Start the control program. Raises RobotRefused for a robot in local control."""
-        link = self.driver.robot
+    async def restart_program(self, operation: str) -> None:
+        """Start the control program again, after a program of the caller has run.
+
+        Raises RobotRefused for a robot in local control.
+        """
+        link = self.driver.link
         link.reports.clear()
         link.popups.clear()
         await self._start_program(operation, self.driver.start_program())
@@ -96,17 +107,17 @@ class Readiness:
         return error
 
     async def _release_brakes(self) -> None:
-        if (board := self.driver.robot.dashboard) is not None:
+        if (board := self.driver.link.dashboard) is not None:
             await board.request(dashboard.BRAKE_RELEASE)
         else:
-            await self.driver.robot.send_script(_RUN_LINE)
+            await self.driver.link.send_script(_RUN_LINE)
         try:
             async with timeout(_POWER_UP_S):
-                while self.driver.robot.robot_mode is not RobotMode.RUNNING:
+                while self.driver.link.robot_mode is not RobotMode.RUNNING:
                     await self.diagnosis.next_state("make_ready")
                     self.diagnosis.check_safety("make_ready")
         except TimeoutError:
-            mode = self.driver.robot.robot_mode.name
+            mode = self.driver.link.robot_mode.name
             advice = f"check the pendant; e-Series: {_REMOTE}"
             raise RobotRefused("brake release", f"after {_POWER_UP_S:g} s its mode is {mode}", advice) from None
 

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from client.driver.robot import MOVABLE
+from client.blocking import thread_safe
+from client.driver.link import MOVABLE
 from client.robot.motion import MotionRunner
 from client.robot.readiness import LOCAL_CONTROL
 from client.robot.state import RobotState, check_signal
@@ -49,12 +50,25 @@ class Settings:
         await self._wait_for_effect("speed slider", lambda state: abs(state.speed_fraction - fraction) < 1e-3)
 
     async def trigger_protective_stop(self) -> None:
-        """Put the robot into a protective stop, as after a collision, from any motion."""
+        """Put the robot into a protective stop, as after a collision, from any motion. See `recover`."""
         await self._send_statement("protective_stop()")
         await self._wait_for_effect("protective stop", lambda state: state.safety_mode == SafetyMode.PROTECTIVE_STOP)
 
+    @thread_safe
+    def set_watchdog(self, longest_s: float) -> None:
+        """End the control program, and so stop the arm, if `kick_watchdog` is not called for ``longest_s``; 0 is off.
+
+        Without a watchdog the arm keeps moving as long as this process lives, even if the caller's own loop hangs.
+        """
+        self._driver.keep_alive.watch(longest_s)
+
+    @thread_safe
+    def kick_watchdog(self) -> None:
+        """Report that the caller's own program is alive; takes no time."""
+        self._driver.keep_alive.kick()
+
     async def _send_statement(self, statement: str) -> None:
-        await self._driver.robot.send_script(f"sec setting():\n  {statement}\nend")
+        await self._driver.link.send_script(f"sec setting():\n  {statement}\nend")
 
     async def _wait_for_effect(self, title: str, done: Callable[[RobotState], bool]) -> None:
         try:
@@ -66,10 +80,10 @@ class Settings:
     @property
     def _accepts_commands(self) -> bool:
         """True if the control program executes commands, that is, no pause or stop is in effect."""
-        return not self._diagnosis.paused and self._driver.robot.safety_mode in MOVABLE
+        return not self._diagnosis.paused and self._driver.link.safety_mode in MOVABLE
 
     async def _no_effect_reason(self) -> tuple[str, str]:
-        link = self._driver.robot
+        link = self._driver.link
         failure = link.pop_script_error()
         why = str(failure) if failure else self._diagnosis.reported()
         if not why and await self._diagnosis.in_local_control():
@@ -79,7 +93,7 @@ class Settings:
         return f"{why or 'nothing changed'} within {_EFFECT_S:g} s", "check the pendant and its log"
 
     def _has_tcp(self, pose_flange_tcp: Sequence[float]) -> bool:
-        state = self._driver.robot.primary_state
+        state = self._driver.link.primary_state
         if state is None or state.cartesian is None:
             return False
         return all(abs(a - b) < _TOLERANCE for a, b in zip(state.cartesian.tcp_offset, pose_flange_tcp, strict=True))

@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from client.controllers.calls import Call
 from client.controllers.compliance import ToolContactController
+from client.controllers.control import RobotControl
 from client.controllers.controller import Controller
 from client.controllers.goals import (
     Feedback,
@@ -27,7 +28,6 @@ from client.controllers.goals import (
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.motion_primitives import MotionPrimitivesForwardController
 from client.controllers.passthrough import PassthroughTrajectoryController
-from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
 from client.ros2.host import NodeHost, interface, interface_if_any
 from client.ros2.topics import CommandContext, seconds, set_point, trajectory
@@ -41,11 +41,11 @@ _ARGUMENTS: Final = ("velocity", "acceleration", "move_time")  # of motion primi
 
 
 def serve_actions(
-    host: NodeHost, node: Node, controller: Controller[Any], robot: ControlledRobot, transforms: Transforms
+    host: NodeHost, node: Node, controller: Controller[Any], control: RobotControl, transforms: Transforms
 ) -> None:
     """Offer a controller's actions on its node, which must already spin."""
     if isinstance(controller, (JointTrajectoryController, PassthroughTrajectoryController)):
-        FollowTrajectoryAction(host, node, controller, robot)
+        FollowTrajectoryAction(host, node, controller, control)
     elif isinstance(controller, ToolContactController):
         ToolContactAction(host, node, controller)
     elif isinstance(controller, MotionPrimitivesForwardController):
@@ -54,7 +54,7 @@ def serve_actions(
                 f"~/motion_sequence is not offered: this distribution has no {MotionSequenceAction.type_name}"
             )
         else:
-            MotionSequenceAction(host, node, controller, robot, transforms)
+            MotionSequenceAction(host, node, controller, control, transforms)
 
 
 class _Action:
@@ -157,15 +157,15 @@ class FollowTrajectoryAction(_GoalAction):
     name = "~/follow_joint_trajectory"
     type_name = "control_msgs/action/FollowJointTrajectory"
 
-    def __init__(self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot) -> None:
-        self._robot = robot
+    def __init__(self, host: NodeHost, node: Node, controller: Any, control: RobotControl) -> None:
+        self._control = control
         super().__init__(host, node, controller)
 
     async def _send(self, request: Any) -> GoalHandle:
-        goal = _goal(request, CommandContext(self._robot.manager.time_s, time.time_ns()), self._controller)
+        goal = _goal(request, CommandContext(self._control.manager.time_s, time.time_ns()), self._controller)
         self._controller.check_active()
         self._controller.check(goal.trajectory)
-        self._robot.check_reach(goal.trajectory, speeds=False)  # speeds: by tolerances, as in ros2_controllers
+        self._control.check_reach(goal.trajectory, speeds=False)  # speeds: by tolerances, as in ros2_controllers
         handle: GoalHandle = self._controller.send_goal(goal)
         return handle
 
@@ -228,9 +228,9 @@ class MotionSequenceAction(_GoalAction):
     type_name = "control_msgs/action/ExecuteMotionPrimitiveSequence"
 
     def __init__(
-        self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot, transforms: Transforms
+        self, host: NodeHost, node: Node, controller: Any, control: RobotControl, transforms: Transforms
     ) -> None:
-        self._robot = robot
+        self._control = control
         self._transforms = transforms
         super().__init__(host, node, controller)
 
@@ -241,7 +241,7 @@ class MotionSequenceAction(_GoalAction):
         poses = await self._transforms.poses_in_base(frames, controller.error)
         primitives = tuple(self._primitive(number, message, poses) for number, message in enumerate(messages))
         controller.check(primitives)
-        self._robot.check_primitives(primitives)
+        self._control.check_primitives(primitives)
         handle: GoalHandle = controller.send_goal(primitives)
         return handle
 

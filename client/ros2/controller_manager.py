@@ -137,7 +137,7 @@ class ControllerManagerNode:
             return type_name, None
         parameters: dict[str, Any] = {}
         for file in files:
-            found = sections(text_of(Path(file)), file, {"tf_prefix": self._running.robot.prefix})
+            found = sections(text_of(Path(file)), file, {"tf_prefix": self._running.control.prefix})
             parameters = {**parameters, **found.get("**", {}), **found.get(name, {})}
         return type_name, parameters
 

@@ -7,9 +7,9 @@ from typing import Any, Final
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from client.controllers.control import RobotControl
 from client.controllers.controller import Controller
 from client.controllers.goals import JointTrajectory
-from client.controllers.robot import ControlledRobot
 from client.controllers.running import RunningManager
 from client.errors import ClientError
 from client.ros2 import parameters, services
@@ -28,7 +28,7 @@ class ControllerNodes:
 
     def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox, transforms: Transforms) -> None:
         self._host = host
-        self._robot = running.robot
+        self._control = running.control
         self._outbox = outbox
         self._transforms = transforms
         self._nodes: dict[str, ControllerNode] = {}
@@ -36,7 +36,7 @@ class ControllerNodes:
     def open(self, controller: Controller[Any]) -> None:
         """Open the node of a controller that has been loaded."""
         self._nodes[controller.name] = ControllerNode(
-            self._host, self._robot, self._outbox, self._transforms, controller
+            self._host, self._control, self._outbox, self._transforms, controller
         )
 
     def close(self, controller: Controller[Any]) -> None:
@@ -61,13 +61,13 @@ class ControllerNode:
     def __init__(
         self,
         host: NodeHost,
-        robot: ControlledRobot,
+        control: RobotControl,
         outbox: Outbox,
         transforms: Transforms,
         controller: Controller[Any],
     ) -> None:
         self._host = host
-        self._robot = robot
+        self._control = control
         self._outbox = outbox
         self._controller = controller
         self.node: Node = host.node(controller.name)
@@ -76,10 +76,10 @@ class ControllerNode:
         publishers = [publisher(self.node, row) for row in rows]
         for subscription in SUBSCRIPTIONS:
             if isinstance(controller, subscription.controller):
-                _Listener(host, self.node, robot, controller, subscription)
-        services.serve(host, self.node, controller, robot, transforms)
+                _Listener(host, self.node, control, controller, subscription)
+        services.serve(host, self.node, controller, control, transforms)
         host.spin(self.node)
-        serve_actions(host, self.node, controller, robot, transforms)
+        serve_actions(host, self.node, controller, control, transforms)
 
         def add() -> list[Any]:
             return [
@@ -103,11 +103,11 @@ class _Listener:
     """Passes a topic's newest message to a controller: the queue of the subscription has length one."""
 
     def __init__(
-        self, host: NodeHost, node: Node, robot: ControlledRobot, controller: Controller[Any], row: Subscription
+        self, host: NodeHost, node: Node, control: RobotControl, controller: Controller[Any], row: Subscription
     ) -> None:
         self._host = host
         self._node = node
-        self._robot = robot
+        self._control = control
         self._controller = controller
         self._row = row
         self._reason = ""  # why the last one was refused
@@ -117,7 +117,7 @@ class _Listener:
 
     def _on_message(self, message: Any) -> None:
         try:
-            command = self._row.command(message, CommandContext(self._robot.manager.time_s, time.time_ns()))
+            command = self._row.command(message, CommandContext(self._control.manager.time_s, time.time_ns()))
             self._host.do(lambda: self._deliver(command))
         except ClientError as error:
             self._log_refusal(str(error))
@@ -127,7 +127,7 @@ class _Listener:
             self._controller.check_active()
             controller: Any = self._controller
             controller.check(command)
-            self._robot.check_reach(command, speeds=False)
+            self._control.check_reach(command, speeds=False)
         self._row.hand_over(self._controller, command)
 
     def _log_refusal(self, text: str) -> None:

@@ -215,7 +215,7 @@ class DashboardNode:
         config = robot.driver.config
         self.node = host.node(NAME)
         fixed = ParameterDescriptor(read_only=True)
-        self._address = self.node.declare_parameter("robot_ip", config.robot, fixed).value
+        self._address = self.node.declare_parameter("robot_ip", config.host, fixed).value
         self._autoconnect = self.node.declare_parameter("autoconnect", True, fixed).value
         limits = ParameterDescriptor(
             description="time limit for an answer of the dashboard [s]; 0: none",

@@ -15,7 +15,7 @@ from typing import Any, Final
 from client.calibration import calibrated_model, calibration_of
 from client.cameras import CameraClient
 from client.controllers.broadcasters import JointStateBroadcaster
-from client.controllers.robot import ControlledRobot
+from client.controllers.control import RobotControl
 from client.controllers.running import ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
 from client.errors import Ros2Error
@@ -69,16 +69,16 @@ class Ros2Driver:
         self.running: RunningManager
 
     @property
-    def robot(self) -> ControlledRobot:
+    def control(self) -> RobotControl:
         """The robot and its control loop."""
-        return self.running.robot
+        return self.running.control
 
     async def __aenter__(self) -> "Ros2Driver":
         async with AsyncExitStack() as opening:
             options = self._options
             place = opening.enter_context(claim(options.robot_ip, options.rtde_port))
-            robot = await opening.enter_async_context(reached(options))
-            self.running = RunningManager(robot, headless=options.headless)
+            control = await opening.enter_async_context(reached(options))
+            self.running = RunningManager(control, headless=options.headless)
             host = await opening.enter_async_context(
                 NodeHost(domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments)
             )
@@ -94,14 +94,14 @@ class Ros2Driver:
         await self._opened.aclose()
 
     async def _open_nodes(self, opening: AsyncExitStack, host: NodeHost) -> None:
-        running, robot, prefix = self.running, self.robot, self._options.tf_prefix
+        running, control, prefix = self.running, self.control, self._options.tf_prefix
         manager = running.manager
         scene = PublishingContext(prefix, manager.hardware.states)
         outbox = Outbox(host, scene)
         opening.callback(outbox.close)
         manager.on_cycle.append(lambda: setattr(outbox, "time_s", manager.time_s))
-        arm = robot.driver.robot.configuration
-        model = calibrated_model(arm, calibration_of(await robot.driver.robot.kinematics())) if arm else None
+        arm = control.driver.link.configuration
+        model = calibrated_model(arm, calibration_of(await control.driver.link.kinematics())) if arm else None
         controllers = ControllerNodes(host, running, outbox, Transforms(host, scene))
         opening.push_async_callback(in_thread, controllers.close_all)
         loaded = running.load_all()
@@ -120,7 +120,7 @@ class Ros2Driver:
         await in_thread(lambda: host.spin(host.node(running.component.name.lower())))
         nodes: tuple[Any, ...] = (DashboardNode, StateHelperNode, URScriptNode)
         for kind in nodes:
-            node = await in_thread(kind, host, robot.robot)
+            node = await in_thread(kind, host, control.robot)
             opening.push_async_callback(in_thread, node.close)
         if self._options.cameras:
             await self._open_cameras(opening, host)
@@ -129,7 +129,7 @@ class Ros2Driver:
         if model is not None and can_plan():
             from client.ros2.move_group.node import MoveGroupNode
 
-            group = await in_thread(MoveGroupNode, host, robot, model, prefix)
+            group = await in_thread(MoveGroupNode, host, control, model, prefix)
             opening.push_async_callback(in_thread, group.close)
 
     async def _open_cameras(self, opening: AsyncExitStack, host: NodeHost) -> None:

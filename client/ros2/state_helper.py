@@ -9,7 +9,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from client import dashboard
 from client.dashboard import DashboardClient
-from client.driver.robot import MOVABLE
+from client.driver.link import MOVABLE
 from client.errors import ClientError
 from client.primary import BRAKE_RELEASE, POWER_OFF, POWER_ON, STOP_PROGRAM, PrimaryClient, TextCommand
 from client.robot import AsyncRobot
@@ -50,11 +50,11 @@ class StateHelperNode:
         self.node = host.node(NAME)
         fixed = ParameterDescriptor(read_only=True)
         self._headless = self.node.declare_parameter("headless_mode", config.headless, fixed).value
-        self._address = self.node.declare_parameter("robot_ip", config.robot, fixed).value
+        self._address = self.node.declare_parameter("robot_ip", config.host, fixed).value
         self._type = interface("ur_dashboard_msgs/action/SetMode")
         self._host = host
         self._driver = robot.driver
-        self._link = robot.driver.robot
+        self._link = robot.driver.link
         self._one_at_a_time = asyncio.Lock()
         self._server = ActionServer(
             self.node,

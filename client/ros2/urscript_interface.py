@@ -33,10 +33,10 @@ class URScriptNode:
     def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
         self.node = host.node(NAME)
         config = robot.driver.config
-        self._address = self.node.declare_parameter("robot_ip", config.robot, ParameterDescriptor(read_only=True)).value
+        self._address = self.node.declare_parameter("robot_ip", config.host, ParameterDescriptor(read_only=True)).value
         self._port = config.robot_ports["primary"]
         self._host = host
-        self._link = robot.driver.robot
+        self._link = robot.driver.link
         self._cancelled = False
         self._primary: PrimaryClient | None = None  # the connection that executes a goal
         self.node.create_subscription(String, "~/script_command", self._send, 1)

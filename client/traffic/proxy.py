@@ -50,7 +50,7 @@ class Route:
 
 
 def robot_routes(
-    robot: str,
+    host: str,
     listen: str = "127.0.0.1",
     ports: Iterable[tuple[str, int]] = ROBOT_PORTS.items(),
     *,
@@ -61,7 +61,7 @@ def robot_routes(
 
     Raises LocalProtocolError if the sum is not a port number.
     """
-    routes = [Route(name, port, listen, port + listen_offset, robot, port + port_offset) for name, port in ports]
+    routes = [Route(name, port, listen, port + listen_offset, host, port + port_offset) for name, port in ports]
     for route in routes:
         for port in (route.listen_port, route.target):
             if not 0 < port <= _LAST_PORT:
@@ -69,9 +69,11 @@ def robot_routes(
     return routes
 
 
-def driver_routes(driver: str, listen: str) -> list[Route]:
+def driver_routes(driver_address: str, listen: str) -> list[Route]:
     """Routes for the ports of a driver, for programs of a robot that connect to ``listen`` instead of the driver."""
-    return [Route(name, port, listen, port, driver, port, mirrored=False) for name, port in DRIVER_PORTS.items()]
+    return [
+        Route(name, port, listen, port, driver_address, port, mirrored=False) for name, port in DRIVER_PORTS.items()
+    ]
 
 
 class Proxy:
@@ -219,7 +221,7 @@ async def _refusal(route: Route) -> str | None:
 
 @asynccontextmanager
 async def record(
-    robot: str,
+    host: str,
     path: Path,
     listen: str = "127.0.0.1",
     *,
@@ -227,10 +229,10 @@ async def record(
     report: Callable[[str], None] = _logger.info,
 ) -> AsyncIterator[Proxy]:
     """A proxy of all ports of a robot that records to ``path``. Raises FileError, RobotUnreachableError."""
-    comments = await query_identity(robot, port_offset)
+    comments = await query_identity(host, port_offset)
     recorder = TrafficRecorder(path, comments, problem=report)
     try:
-        async with Proxy(robot_routes(robot, listen, port_offset=port_offset), recorder, report) as proxy:
+        async with Proxy(robot_routes(host, listen, port_offset=port_offset), recorder, report) as proxy:
             yield proxy
     finally:
         recorder.close()

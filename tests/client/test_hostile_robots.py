@@ -164,11 +164,11 @@ def facade_async(robot: HostileRobot, folder: Path) -> None:
     async def use() -> None:
         async with AsyncRobot(robot.host, silence_s=PATIENCE_S, start_timeout_s=2.0) as arm:
             with Recorder(folder / "run.mcap", arm.state.values) as recorder:
-                arm.driver.robot.on_state.append(recorder.write)
+                arm.driver.link.on_state.append(recorder.write)
                 try:
                     await arm.speed_j([0.01, 0, 0, 0, 0, 0], 0.1)
                 finally:
-                    arm.driver.robot.on_state.remove(recorder.write)
+                    arm.driver.link.on_state.remove(recorder.write)
 
     asyncio.run(use())
 

@@ -14,7 +14,7 @@ from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.modbus import Frame, encode_frame
+from urproto.modbus import Frame, Function, ModbusRequest, encode_frame
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"
@@ -75,10 +75,10 @@ def _blocking(port: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
 
 def test_an_answer_to_a_request_that_was_given_up_is_passed_over() -> None:
     core = ModbusCore()
-    given_up = core.read_registers(0, 1)
+    given_up = core.request(ModbusRequest(Function.READ_HOLDING_REGISTERS, 0, 1))
     next(given_up)
     given_up.close()
-    flow = core.read_registers(0, 1)
+    flow = core.request(ModbusRequest(Function.READ_HOLDING_REGISTERS, 0, 1))
     next(flow)
     next(flow)
     late = encode_frame(Frame(1, 255, b"\x03\x02\x00\x01"))
@@ -90,9 +90,9 @@ def test_an_answer_to_a_request_that_was_given_up_is_passed_over() -> None:
 
 
 def test_what_no_message_can_carry_is_not_sent() -> None:
-    for flow in (ModbusCore().write_register(0, 0x10000), ModbusCore().write_registers(0, [0] * 200)):
+    for function, words in ((Function.WRITE_REGISTER, (0x10000,)), (Function.WRITE_REGISTERS, (0,) * 200)):
         with pytest.raises(LocalProtocolError):
-            next(flow)
+            next(ModbusCore().write(ModbusRequest(function, 0, values=words)))
 
 
 async def test_a_silent_and_a_vanished_unit() -> None:

@@ -224,8 +224,7 @@ def test_old_messages_are_not_about_this_program():
     core = PrimaryCore()
     result = Robot(*started_and_stopped(), backlog=old).run(core.execute(PROGRAM))
     assert result.errors == ()
-    assert [error.label for error in core.take_errors()] == ["C153A2"]
-    assert core.take_errors() == []
+    assert [error.label for error in core.errors] == ["C153A2"]
 
 
 CODE = ErrorCodeMessage(code=153, argument=2, level=ReportLevel.WARNING, text="deviates")

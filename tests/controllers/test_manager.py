@@ -186,7 +186,7 @@ def test_forward_commands_are_checked_and_end_with_the_activity():
     assert bench.q == place
 
 
-DRIVER = SimpleNamespace(robot=SimpleNamespace(feed=SimpleNamespace(max_age_s=60.0)))
+DRIVER = SimpleNamespace(link=SimpleNamespace(feed=SimpleNamespace(max_age_s=60.0)))
 
 
 def received(timestamp: float) -> ReceivedState:

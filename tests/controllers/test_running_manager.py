@@ -40,8 +40,8 @@ class Robot:
         self.at_rest = True
         link = SimpleNamespace(configuration=None, robot_mode=RobotMode.RUNNING, safety_mode=SafetyMode.NORMAL)
         state = {"actual_q": (0.0, 0.0), "target_speed_fraction": 1.0}
-        config = SimpleNamespace(robot=ROBOT)
-        self.driver = SimpleNamespace(robot=link, state=state, config=config, program_running=True)
+        config = SimpleNamespace(host=ROBOT)
+        self.driver = SimpleNamespace(link=link, state=state, config=config, program_running=True)
 
     def check_reach(self, trajectory, *, speeds=True):
         pass
@@ -158,7 +158,7 @@ async def test_two_shells_switch_at_once(manager):
 
 
 async def test_what_a_client_began_ends_with_it(manager):
-    bench = manager.robot.bench
+    bench = manager.control.bench
     manager.manager.activate("jtc")
     async with served(manager):
         async with remote() as shell:
@@ -185,7 +185,7 @@ async def test_what_a_client_began_ends_with_it(manager):
 
 
 async def test_a_goal_is_followed_to_its_end(manager):
-    bench = manager.robot.bench
+    bench = manager.control.bench
     manager.manager.activate("jtc")
     async with served(manager), remote() as shell:
         number = await shell.request("send_goal", controller="jtc", trajectory=point(0.5, -0.5))

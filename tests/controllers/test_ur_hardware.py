@@ -32,7 +32,7 @@ class Notes:
         self.calls = []
         self.program_running = True
         self.loss_reason = ""
-        self.robot = self
+        self.link = self
         self.ends = TrajectoryResult.SUCCESS
 
     def __getattr__(self, name):

@@ -1,4 +1,4 @@
-"""Phrases listed in docs/writing.md occur in no text for users, and its listed words in no name."""
+"""Phrases listed in docs/writing.md occur in no text for users, its listed words in no name; words have one meaning."""
 
 import ast
 import re
@@ -60,3 +60,35 @@ def test_no_listed_phrase_is_used() -> None:
     wrong = re.compile("|".join(map(re.escape, avoided)), re.IGNORECASE)
     found = [f"{where}: {match[0]!r}: see docs/writing.md" for where, text in texts() if (match := wrong.search(text))]
     assert not found, "\n".join(found)
+
+
+def client_trees() -> Iterator[tuple[str, ast.Module]]:
+    """Modules of the client library with their places, without the pendant, which has words of its own."""
+    for path in (ROOT / "client").rglob("*.py"):
+        if "pendant" not in path.parts:
+            yield str(path.relative_to(ROOT)), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def test_words_of_the_client_have_one_meaning() -> None:
+    page = (ROOT / "docs" / "writing.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\w+) \| (`.+) \|$", page.split("### Words of the client library")[1], re.MULTILINE)
+    meanings = {name: {*re.findall(r"`(\w+)`", types), "None"} for name, types in rows}
+    assert {"robot", "driver", "control", "host"} == meanings.keys()
+    found = []
+    for where, tree in client_trees():
+        for node in (one for one in ast.walk(tree) if isinstance(one, ast.arg | ast.AnnAssign)):
+            name = getattr(node, "arg", None) or ast.unparse(getattr(node, "target", node))
+            allowed = meanings.get(name.removeprefix("self.").removeprefix("_"))
+            text = ast.unparse(annotation) if allowed and (annotation := getattr(node, "annotation", None)) else ""
+            if text and not text.startswith("Annotated") and not {*re.findall(r"\w+", text)} <= allowed:
+                found.append(f"{where}:{node.lineno}: {name}: {text}: see docs/writing.md")
+    assert not found, "\n".join(found)
+
+
+def test_no_two_public_classes_of_the_client_have_one_name() -> None:
+    places: dict[str, list[str]] = {}
+    for where, tree in client_trees():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(f"{where}:{node.lineno}")
+    assert not {name: where for name, where in places.items() if len(where) > 1}

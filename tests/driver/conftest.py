@@ -34,7 +34,7 @@ async def robot(
     assert arm in ("", "dynamic")
     async with emulator(model, version or None, tmp_path, SPEED[model], dynamic=bool(arm)) as running:
         # Who is late by the clock of a machine that is busy with other things is not the subject.
-        monkeypatch.setattr("client.driver.endpoint.time", running.clock)
+        monkeypatch.setattr("client.driver.reverse.time", running.clock)
         yield running
 
 

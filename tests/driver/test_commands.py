@@ -178,7 +178,7 @@ class Sent:
         self.driver = URDriver("127.0.0.1")
         self.commands, self.requested = [], []
         monkeypatch.setattr(self.driver.commands, "send", self.commands.append)
-        monkeypatch.setattr(self.driver.robot, "require", self.requested.append)
+        monkeypatch.setattr(self.driver.link, "require", self.requested.append)
 
 
 @pytest.fixture

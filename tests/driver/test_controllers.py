@@ -16,7 +16,7 @@ from client.commands.goals import go, publish
 from client.controllers import (
     JOINT_NAMES,
     RTDE_OUTPUTS,
-    BlockingControlledRobot,
+    BlockingRobotControl,
     ControlLoop,
     ErrorCode,
     FollowJointTrajectory,
@@ -105,14 +105,14 @@ async def test_a_goal_survives_a_protective_stop(robot):
         goal = moved(0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
         handle = bench.controller(SCALED).send_goal(way((1.0, goal)))
         await bench.after(0.5)
-        await bench.driver.robot.send_script("sec hit():\n  protective_stop()\nend")
+        await bench.driver.link.send_script("sec hit():\n  protective_stop()\nend")
         await bench.until(lambda: bench.driver.protective_stopped and bench.at_rest)
         await bench.after(0.1)
         stood, waited = bench.q, bench.controller(SCALED).progress
         assert 0.3 < waited < 0.9
         await bench.after(5.2)  # before that the robot does not unlock
         assert (bench.q, bench.controller(SCALED).progress) == (pytest.approx(stood, abs=1e-3), waited)
-        board = bench.driver.robot.dashboard
+        board = bench.driver.link.dashboard
         await board.request(dashboard.UNLOCK_PROTECTIVE_STOP)
         await board.request(dashboard.PLAY)
         assert (await bench.loop.result(handle)).error_code is ErrorCode.SUCCESSFUL
@@ -127,7 +127,7 @@ async def test_a_goal_survives_a_new_program_after_a_protective_stop():
         goal = moved(-0.4, 0.0, 0.0, 0.0, 0.0, 0.0)
         handle = bench.controller(SCALED).send_goal(way((1.0, goal)))
         await bench.after(0.5)
-        await bench.driver.robot.send_script("sec hit():\n  protective_stop()\nend")
+        await bench.driver.link.send_script("sec hit():\n  protective_stop()\nend")
         await bench.until(lambda: bench.driver.protective_stopped)
         await bench.driver.recover()
         assert (await bench.loop.result(handle)).error_code is ErrorCode.SUCCESSFUL
@@ -314,7 +314,7 @@ async def test_cb3_robots_have_no_tool_contact():
 
 def test_a_script_without_asyncio(tmp_path):
     file = tmp_path / "run.mcap"
-    with emulator_thread("ur3") as robot, BlockingControlledRobot(HOST, robot_ports=robot.ports, record=file) as arm:
+    with emulator_thread("ur3") as robot, BlockingRobotControl(HOST, robot_ports=robot.ports, record=file) as arm:
         arm.activate(SCALED, "joint_state_broadcaster")
         assert arm.follow(SCALED, way((0.5, moved(0.1, 0, 0, 0, 0, 0)))).error_code is ErrorCode.SUCCESSFUL
         arm.rest()

@@ -82,7 +82,7 @@ async def test_make_ready_waits_for_a_program_that_is_loaded_and_played(capsys, 
             running = RunningManager(arm, headless=False)
             running.load_all()
             async with running.at_work(options):
-                assert arm.driver.robot.robot_mode is RobotMode.RUNNING
+                assert arm.driver.link.robot_mode is RobotMode.RUNNING
                 assert "no program is loaded on the robot" in caplog.text
                 ready = asyncio.create_task(announce(running, options))
                 await until(lambda: _printed(capsys, "waiting for the control program: 127.0.0.1, "))
@@ -97,7 +97,7 @@ async def test_make_ready_waits_for_a_program_that_is_loaded_and_played(capsys, 
                 assert await _printed(capsys, "the control program is running. Ctrl-C ends it.")
                 await until(lambda: _active(running, SCALED))
         await board.request(dashboard.STOP)  # it loops, and asks for a driver that has left
-        options = replace(options, robot=driver_options(robot, sender_port=port), controller="")
+        options = replace(options, driver_options=driver_options(robot, sender_port=port), controller="")
         async with reached(options) as arm, RunningManager(arm, headless=False).at_work(options):
             assert arm.driver.program_running
 

@@ -9,7 +9,7 @@ import pytest
 from driver_rig import PATIENCE_S
 
 from client.driver import ReverseEndpoint, ScriptCommandEndpoint, ScriptSender, TrajectoryEndpoint, points
-from client.driver.endpoint import read_timeout_ms
+from client.driver.reverse import read_timeout_ms
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError
 from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError

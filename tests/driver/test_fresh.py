@@ -30,7 +30,7 @@ async def late(robot: Emulator) -> AsyncIterator[Lab]:
     async with lab.arm as arm:
         await arm.make_ready()
         robot.faults.inject(Delay(port="rtde", delay_s=LATE_S))
-        await arm.driver.robot.state_from_now()  # at first no state arrives for that long
+        await arm.driver.link.state_from_now()  # at first no state arrives for that long
         yield lab
 
 
@@ -66,7 +66,7 @@ async def test_a_state_older_than_permitted_is_an_error_that_says_how_old(robot)
     async with lab.arm as arm:
         assert arm.state.age_s < 60.0
         robot.faults.inject(StaleData(timestamp="stands"))
-        state = arm.driver.robot.feed
+        state = arm.driver.link.feed
         while state.state.age_s <= state.max_age_s:
             await arm.driver.next_state()
         for read in (lambda: arm.q, lambda: arm.tcp_pose, lambda: arm.digital_in(0), lambda: arm.io.analog_in(0)):
@@ -105,8 +105,8 @@ def test_a_robot_that_answers_no_mark_is_believed_on_arrival():
 @pytest.mark.parametrize(
     ("hold", "why"),
     [
-        (lambda lab: lab.driver.robot.write_inputs(speed_slider_mask=1, speed_slider_fraction=0.0), "slider is at 0 %"),
-        (lambda lab: lab.driver.robot.dashboard.request(dashboard.PAUSE), "program is paused"),
+        (lambda lab: lab.driver.link.write_inputs(speed_slider_mask=1, speed_slider_fraction=0.0), "slider is at 0 %"),
+        (lambda lab: lab.driver.link.dashboard.request(dashboard.PAUSE), "program is paused"),
     ],
 )
 async def test_a_motion_that_cannot_proceed_says_why(robot, caplog, monkeypatch, hold, why):

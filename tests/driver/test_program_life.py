@@ -95,7 +95,7 @@ async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect)
 
 async def test_a_program_that_is_lost_while_the_driver_ends_is_not_restarted(connect):
     async with connect() as pair:
-        listeners, program = pair.driver.robot.on_text, pair.driver.program
+        listeners, program = pair.driver.link.on_text, pair.driver.program
     before = asyncio.all_tasks()
     for listener in listeners:
         listener(GONE_TEXT)
@@ -257,7 +257,7 @@ async def test_protective_stop_and_recovery(pair):
     pair.driver.on_safety_mode(modes.append)
     await pair.driver.start_trajectory([LONG])
     await pair.until(lambda: pair.snapshot.target_qd[0] > 0.1)
-    await pair.driver.robot.send_script("sec hit():\n  protective_stop()\nend")
+    await pair.driver.link.send_script("sec hit():\n  protective_stop()\nend")
     await pair.until(lambda: pair.driver.protective_stopped)
     with pytest.raises(RobotRefused, match="PROTECTIVE_STOP"):
         await pair.driver.start_program()
@@ -314,7 +314,7 @@ async def test_two_robots_do_not_share_a_driver(pair):
 
 async def test_calibration(connect):
     async with connect(start=False) as pair:
-        found = calibration_hash(await pair.driver.robot.kinematics())
+        found = calibration_hash(await pair.driver.link.kinematics())
     async with connect(calibration=found):
         pass
     with pytest.raises(RobotRefused, match="another arm"):

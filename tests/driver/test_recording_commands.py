@@ -234,7 +234,7 @@ def _replayed(emulator: EmulatorProcess, file: Path) -> None:
 def test_a_program_records_its_own_robot(emulator, tmp_path: Path) -> None:
     file = tmp_path / "own.mcap"
     with Recorder(file) as recorder, Robot(emulator.host, outputs=DEFAULT_FIELDS) as robot:
-        robot.inner.driver.robot.on_state.append(recorder.write)
+        robot.inner.driver.link.on_state.append(recorder.write)
         robot.make_ready()
         robot.move_j(HOME, speed_rad_s=1.0)
         robot.move_j(GOAL, speed_rad_s=1.0)

@@ -299,7 +299,7 @@ async def test_the_program_counts_as_ended_as_soon_as_the_robot_reports_it(lab):
 
 async def test_what_is_set_in_a_protective_stop(lab):
     await lab.arm.make_ready()
-    await lab.driver.robot.send_script(STOP_IT)
+    await lab.driver.link.send_script(STOP_IT)
     await lab.until(lambda: lab.driver.protective_stopped)
     await lab.arm.set_tcp([0, 0, 0.07, 0, 0, 0])
     assert lab.robot.controller.installation.tcp[2] == pytest.approx(0.07)
@@ -310,10 +310,10 @@ async def test_a_protective_stop_is_the_reason_why_nothing_takes_effect(lab, mon
     async def ignore(_: str) -> None:
         return
 
-    await lab.driver.robot.send_script(STOP_IT)
+    await lab.driver.link.send_script(STOP_IT)
     await lab.until(lambda: lab.driver.protective_stopped)
     monkeypatch.setattr("client.robot.settings._EFFECT_S", 0.1)
-    monkeypatch.setattr(lab.driver.robot, "send_script", ignore)
+    monkeypatch.setattr(lab.driver.link, "send_script", ignore)
     for setting in (lab.arm.set_tcp([0, 0, 0.07, 0, 0, 0]), lab.arm.set_digital_out(1, True)):
         with pytest.raises(ProtectiveStopError, match=r"PROTECTIVE_STOP, C\d+A\d+"):
             await setting
@@ -453,7 +453,7 @@ async def test_a_protective_stop_ends_whatever_is_under_way(lab, context):
     await lab.arm.make_ready()
     task = asyncio.create_task(work())
     await lab.periods(50)
-    await lab.driver.robot.send_script(STOP_IT)
+    await lab.driver.link.send_script(STOP_IT)
     with pytest.raises(ProtectiveStopError, match=r"C\d+A\d+"):
         async with timeout(PATIENCE_S):
             await task
@@ -632,6 +632,6 @@ async def test_a_setting_without_effect_is_no_success(lab, monkeypatch):
         return
 
     monkeypatch.setattr("client.robot.settings._EFFECT_S", 0.1)
-    monkeypatch.setattr(lab.driver.robot, "send_script", ignore)
+    monkeypatch.setattr(lab.driver.link, "send_script", ignore)
     with pytest.raises(RobotRefused, match="digital output 1"):
         await lab.arm.set_digital_out(1, True)

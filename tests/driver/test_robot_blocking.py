@@ -9,6 +9,7 @@ import pytest
 from driver_rig import HOME, HOST, driver_options, emulator_thread
 
 from client import AsyncRobot, MotionStoppedError, ProtectiveStopError, Robot, RobotUnreachableError, points
+from client.blocking import parts_of
 from emulator.app import Emulator
 
 FAST = {"speed_rad_s": 2.0, "acceleration_rad_s2": 5.0}
@@ -91,7 +92,7 @@ def test_a_keyboard_interrupt_stops_the_arm(robot, monkeypatch):
         future = submit(work, loop)
         return Interrupted(future) if len(moves) == 1 else future
 
-    monkeypatch.setattr("client.driver.blocking.asyncio.run_coroutine_threadsafe", interrupt_the_first)
+    monkeypatch.setattr("client.blocking.asyncio.run_coroutine_threadsafe", interrupt_the_first)
     with pytest.raises(KeyboardInterrupt):
         robot.move_j(off(1.5), speed_rad_s=0.5)
     robot.wait_for(lambda state: state.at_rest, 10)
@@ -101,7 +102,7 @@ def test_a_keyboard_interrupt_stops_the_arm(robot, monkeypatch):
 def test_errors_come_through_with_their_cause(robot):
     def freedrive():
         with robot.freedrive():
-            robot.call(robot.inner.driver.robot.send_script("sec hit():\n  protective_stop()\nend"))
+            robot.programs.send("sec hit():\n  protective_stop()\nend")
             robot.wait_for(lambda state: state.safety_mode == 3, 10)
 
     with pytest.raises(ProtectiveStopError, match="freedrive"):
@@ -136,9 +137,9 @@ def public(kind: type) -> dict[str, object]:
     return {name: value for name, value in inspect.getmembers(kind) if not name.startswith("_")}
 
 
-def test_both_shells_offer_the_same():
+def test_both_forms_offer_the_same():
     both = public(AsyncRobot)
-    assert both.keys() == public(Robot).keys() - {"call", "inner"}
+    assert both.keys() == public(Robot).keys() - {"call", "inner"} - parts_of(AsyncRobot).keys()
     for name, member in both.items():
         assert inspect.getdoc(public(Robot)[name]) == inspect.getdoc(member), name
         assert not inspect.iscoroutinefunction(public(Robot)[name]), name

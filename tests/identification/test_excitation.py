@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from client.errors import OutOfReachError
-from client.identification.excitation import Bounds, excitation
+from client.identification.excitation import ExcitationBounds, excitation
 from urproto.robots import MODELS, kinematics_of, load_model
 
 START = (0.0, -1.2, 1.0, -1.2, -1.57, 0.0)
@@ -12,7 +12,7 @@ START = (0.0, -1.2, 1.0, -1.2, -1.57, 0.0)
 
 @pytest.mark.parametrize("name", MODELS)
 def test_every_joint_moves_both_ways_within_the_bounds(name):
-    model, bounds = load_model(name), Bounds(0.4, 0.6, 2.0, 0.1)
+    model, bounds = load_model(name), ExcitationBounds(0.4, 0.6, 2.0, 0.1)
     path = excitation(model, START, 30.0, bounds)
     way = path.q_rad - np.array(START)
     assert path.duration_s == 30.0
@@ -39,7 +39,7 @@ def test_the_seed_chooses_the_motion():
 
 def test_motions_without_room_are_refused():
     with pytest.raises(OutOfReachError, match="above 2 m and clear of itself: start elsewhere"):
-        excitation(load_model("ur5e"), START, 20.0, Bounds(floor_m=2.0))
+        excitation(load_model("ur5e"), START, 20.0, ExcitationBounds(floor_m=2.0))
     folded = (0.0, -1.57, 2.6, -1.0, 1.57, 0.0)
     with pytest.raises(OutOfReachError, match="clear of itself"):
-        excitation(load_model("ur5e"), folded, 20.0, Bounds(angle_rad=1.0, floor_m=-1.0))
+        excitation(load_model("ur5e"), folded, 20.0, ExcitationBounds(angle_rad=1.0, floor_m=-1.0))

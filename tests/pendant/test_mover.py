@@ -184,7 +184,7 @@ async def test_stop_cancels_move_that_has_not_started(bench: Bench) -> None:
 
 async def test_other_clients_program_is_not_replaced(bench: Bench) -> None:
     async with AsyncRobot(HOST, robot_ports=bench.robot.ports) as other:
-        await other.driver.robot.send_script(WAITING)
+        await other.driver.link.send_script(WAITING)
         await bench.wait_until(lambda: bench.robot.controller.programs.state is RuntimeState.PLAYING)
         with pytest.raises(RobotRefused, match="a program is running"):
             await bench.mover.move_j(START)

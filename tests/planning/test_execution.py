@@ -33,7 +33,7 @@ from client.planning import (
 async def laboratory(model: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[tuple[Lab, PlanningScene]]:
     """An arm that is ready, at twice real time, and its empty scene."""
     async with emulator(model, speed=2.0) as robot:
-        monkeypatch.setattr("client.driver.endpoint.time", robot.clock)
+        monkeypatch.setattr("client.driver.reverse.time", robot.clock)
         lab = Lab(robot)
         async with lab.arm as arm:
             yield lab, PlanningScene(await arm.planning.model())
@@ -49,7 +49,7 @@ async def test_the_arm_goes_around_a_post(model: str, monkeypatch: pytest.Monkey
         scene.add("post", Box((0.08, 0.08, 2.0)), (*middle[:2], 0.0, 0.0, 0.0, 0.0))
         assert not CollisionChecker(scene).path_is_free(HOME, there)
         driven: list[tuple[float, ...]] = []
-        arm.driver.robot.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
+        arm.driver.link.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
         await arm.plan_to(JointGoal(there), scene, velocity_scaling=0.5, acceleration_scaling=0.3)
         assert arm.q == pytest.approx(there, abs=1e-3)
         clearance = Clearance(scene.model, scene)
@@ -86,7 +86,7 @@ async def test_an_obstacle_on_the_path_stops_the_arm_which_continues_on_another_
         scene.remove("post")
         await arm.plan_to(JointGoal(HOME), scene)
         driven: list[tuple[float, ...]] = []
-        arm.driver.robot.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
+        arm.driver.link.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
         await meets_a_post(replan=1)
         assert arm.q == pytest.approx(there, abs=1e-3)
         clearance = Clearance(scene.model, scene)
@@ -105,7 +105,7 @@ async def test_the_arm_follows_a_line_and_an_arc_without_stopping_in_between(mon
             MotionSequenceItem(CircGoal((x, y + 0.15, z + 0.2, *turn), (x, y + 0.25, z + 0.1)), "CIRC"),
         ]
         driven: list[tuple[float, ...]] = []
-        arm.driver.robot.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
+        arm.driver.link.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
         plan = await arm.planning.plan_sequence(items, scene, velocity_scaling=0.5, acceleration_scaling=0.5)
         await arm.planning.execute(plan)
         places = [arm.tcp_pose_at(q)[:3] for q in driven]

@@ -126,7 +126,7 @@ async def laboratory(
     with ExitStack() as stack:
         domain = stack.enter_context(free_domain())
         if isinstance(robot.clock, PatientClock):
-            stack.enter_context(mock.patch("client.driver.endpoint.time", robot.clock))
+            stack.enter_context(mock.patch("client.driver.reverse.time", robot.clock))
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         async with (
             peer(domain) as other,

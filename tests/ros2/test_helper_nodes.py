@@ -83,7 +83,7 @@ async def test_modes(model: str) -> None:
         controller = robot.controller
         answer = await bench.set_mode(RobotMode.POWER_OFF)
         assert answer["status"] == SUCCEEDED, answer
-        assert bench.arm.driver.robot.robot_mode is RobotMode.POWER_OFF
+        assert bench.arm.driver.link.robot_mode is RobotMode.POWER_OFF
 
         mode = {"current_robot_mode": int(RobotMode.IDLE), "current_safety_mode": int(SafetyMode.NORMAL)}
         answer = await bench.set_mode(RobotMode.IDLE, last=mode)
@@ -101,10 +101,10 @@ async def test_modes(model: str) -> None:
         assert bench.arm.driver.program_running
 
         controller.safety_event(SafetyEvent.VIOLATION)
-        await bench.until(lambda: bench.arm.driver.robot.safety_mode is SafetyMode.VIOLATION)
+        await bench.until(lambda: bench.arm.driver.link.safety_mode is SafetyMode.VIOLATION)
         answer = await bench.set_mode(RobotMode.IDLE)
         assert answer["status"] == SUCCEEDED, answer
-        assert bench.arm.driver.robot.robot_mode is RobotMode.IDLE
+        assert bench.arm.driver.link.robot_mode is RobotMode.IDLE
 
         for mode in (RobotMode.BOOTING, 99):
             answer = await bench.set_mode(mode)
@@ -112,7 +112,7 @@ async def test_modes(model: str) -> None:
             assert "cannot be requested" in answer["result"]["message"]
 
         controller.safety_event(SafetyEvent.ROBOT_EMERGENCY_STOP)
-        await bench.until(lambda: bench.arm.driver.robot.safety_mode is SafetyMode.ROBOT_EMERGENCY_STOP)
+        await bench.until(lambda: bench.arm.driver.link.safety_mode is SafetyMode.ROBOT_EMERGENCY_STOP)
         answer = await bench.set_mode(RobotMode.RUNNING)
         assert answer["status"] == ABORTED
         assert "release the emergency stop" in answer["result"]["message"]
@@ -126,7 +126,7 @@ async def test_a_program_of_the_pendant_is_played(tmp_path: Path) -> None:
         bench_of(robot, StateHelperNode, "-p", "headless_mode:=false") as bench,
     ):
         robot.controller.power_event(PowerEvent.POWER_OFF)
-        await bench.until(lambda: bench.arm.driver.robot.robot_mode is RobotMode.POWER_OFF)
+        await bench.until(lambda: bench.arm.driver.link.robot_mode is RobotMode.POWER_OFF)
         goal = {"target_robot_mode": 7, "play_program": True}
         order = {"type": "ur_dashboard_msgs/action/SetMode", "request": goal}
         assert (await bench.peer.request(goal=SET_MODE, **order))["accepted"]

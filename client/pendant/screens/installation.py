@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from client.driver.endpoint import SENDER_PORT
+from client.driver.script_sender import SENDER_PORT
 from client.pendant.mounting import apply_gravity, apply_payload, tilt_of
 from client.pendant.page import Page, Views
 from client.pendant.screens import installation_arm, installation_settings, installation_tcp

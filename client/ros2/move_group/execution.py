@@ -5,11 +5,11 @@ import time
 from collections.abc import Sequence
 from typing import Any, Final
 
+from client.controllers.control import RobotControl
 from client.controllers.controller import LifecycleState
 from client.controllers.goals import FollowJointTrajectory, GoalHandle, GoalStatus, JointTrajectory
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.passthrough import PassthroughTrajectoryController
-from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
 from client.ros2.move_group.arm import RefusedError
 from client.ros2.topics import CommandContext, trajectory
@@ -22,8 +22,8 @@ _FOLLOWING: Final = (JointTrajectoryController, PassthroughTrajectoryController)
 class Execution:
     """Executes the trajectories of one robot; call it in the event loop only."""
 
-    def __init__(self, robot: ControlledRobot) -> None:
-        self._robot = robot
+    def __init__(self, control: RobotControl) -> None:
+        self._control = control
         self._under_way: tuple[Any, GoalHandle] | None = None
 
     async def follow(self, message: Any, names: Sequence[str] = ()) -> None:
@@ -63,7 +63,7 @@ class Execution:
                 controller.cancel()
 
     def _controller(self, names: Sequence[str]) -> Any:
-        manager = self._robot.manager
+        manager = self._control.manager
         active = [info.name for info in manager.list_controllers() if info.state is LifecycleState.ACTIVE]
         following = [name for name in active if isinstance(manager.controller(name), _FOLLOWING)]
         wanted = [name for name in following if not names or name in names]
@@ -78,7 +78,7 @@ class Execution:
     def _goal(self, message: Any, controller: Any) -> FollowJointTrajectory:
         if message.multi_dof_joint_trajectory.points:
             raise RefusedError("CONTROL_FAILED", "this arm has no joints with several degrees of freedom")
-        given = trajectory(message.joint_trajectory, CommandContext(self._robot.manager.time_s, time.time_ns()))
+        given = trajectory(message.joint_trajectory, CommandContext(self._control.manager.time_s, time.time_ns()))
         self._check_start(given)
         points = given.points
         if len(points) > 1 and points[0].time_from_start_s == 0.0:  # the current configuration
@@ -86,13 +86,13 @@ class Execution:
         goal = JointTrajectory(given.joint_names, points, given.stamp_s)
         controller.check_active()
         controller.check(goal)
-        self._robot.check_reach(goal, speeds=False)
+        self._control.check_reach(goal, speeds=False)
         return FollowJointTrajectory(goal)
 
     def _check_start(self, given: JointTrajectory) -> None:
         if not given.points or given.points[0].time_from_start_s > 0.0:
             return
-        current = dict(zip(self._joints(), self._robot.driver.state["actual_q"], strict=True))
+        current = dict(zip(self._joints(), self._control.driver.state["actual_q"], strict=True))
         begins = dict(zip(given.joint_names, given.points[0].positions, strict=False))
         for name, q in begins.items():
             if abs(q - current.get(name, q)) > _START_RAD:
@@ -103,4 +103,4 @@ class Execution:
                 )
 
     def _joints(self) -> list[str]:
-        return [self._robot.prefix + name for name in JOINT_NAMES]
+        return [self._control.prefix + name for name in JOINT_NAMES]

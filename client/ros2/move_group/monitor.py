@@ -3,7 +3,7 @@
 import asyncio
 from typing import Any
 
-from client.controllers.robot import ControlledRobot
+from client.controllers.control import RobotControl
 from client.errors import StaleStateError
 from client.ros2.move_group.arm import Arm, RefusedError
 from client.ros2.move_group.scene import SceneState
@@ -13,16 +13,16 @@ from urproto.robots import Joints
 class Monitor:
     """Changes in the event loop only; its states can be used anywhere, since they are never changed in place."""
 
-    def __init__(self, arm: Arm, robot: ControlledRobot) -> None:
+    def __init__(self, arm: Arm, control: RobotControl) -> None:
         self.arm = arm
         self.state = SceneState(arm)
-        self._robot = robot
+        self._control = control
         self._waiting: list[asyncio.Future[None]] = []
 
     def current_configuration(self) -> Joints:
         """The arm's current configuration. Raises RefusedError while the robot does not report it."""
         try:
-            state = self._robot.driver.robot.feed.fresh()
+            state = self._control.driver.link.feed.fresh()
         except StaleStateError as error:
             raise RefusedError("ROBOT_STATE_STALE", f"the arm's configuration is unknown: {error}") from None
         a, b, c, d, e, f = (float(q) for q in state["actual_q"])

@@ -9,7 +9,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from client.controllers.robot import ControlledRobot
+from client.controllers.control import RobotControl
 from client.errors import ClientError, PlanningError
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction, SequenceAction
@@ -38,12 +38,12 @@ _CHANGING: Final = (
 class MoveGroupNode:
     """The node; it spins from its construction until `close`."""
 
-    def __init__(self, host: NodeHost, robot: ControlledRobot, model: RobotModel, prefix: str = "") -> None:
+    def __init__(self, host: NodeHost, control: RobotControl, model: RobotModel, prefix: str = "") -> None:
         self._host = host
         self.node = node = host.node(NAME)
         self._arm = Arm(model, prefix)
-        self._monitor = Monitor(self._arm, robot)
-        self._execution = Execution(robot)
+        self._monitor = Monitor(self._arm, control)
+        self._execution = Execution(control)
         semantic = srdf(self._arm)
         fixed = ParameterDescriptor(read_only=True)
         node.declare_parameter("robot_description", urdf(model, prefix=prefix), fixed)

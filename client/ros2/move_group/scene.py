@@ -31,7 +31,7 @@ _SHOULDER: Final = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)  # a point inside every uprigh
 
 
 @dataclass(frozen=True)
-class Part:
+class BodyPart:
     """One shape of a body. kind: the field of the message that contains it. pose: in the body's frame."""
 
     kind: str
@@ -46,7 +46,7 @@ class Body:
     touching: links that an attached body may touch.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[BodyPart, ...]
     pose: Pose
     type: Any
     subframes: Mapping[str, Pose] = field(default_factory=dict)
@@ -338,14 +338,14 @@ def _one_padding(messages: Sequence[Any]) -> float:
     return values.pop()
 
 
-def _numbered_parts(name: str, body: Body) -> Iterator[tuple[str, Part]]:
+def _numbered_parts(name: str, body: Body) -> Iterator[tuple[str, BodyPart]]:
     for number, part in enumerate(body.parts):
         yield (name if len(body.parts) == 1 else f"{name}#{number}"), part
 
 
 def _body(message: Any, frame: Pose, name: str) -> Body:
     parts = tuple(
-        Part(kind, geometry, pose_of(pose))
+        BodyPart(kind, geometry, pose_of(pose))
         for kind, poses in _KINDS
         for geometry, pose in zip(getattr(message, kind), _poses(message, kind, poses, name), strict=True)
     )
@@ -383,7 +383,7 @@ def _moved(known: Body | None, body: Body, message: Any, name: str) -> Body:
 # shapes
 
 
-def _shape(part: Part, name: str, body: Pose) -> tuple[Shape, Pose]:
+def _shape(part: BodyPart, name: str, body: Pose) -> tuple[Shape, Pose]:
     """The shape and pose for client.planning. Raises RefusedError, SceneError."""
     pose = pose_trans(body, part.pose)
     if part.kind == "meshes":

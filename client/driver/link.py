@@ -88,7 +88,7 @@ class RobotLink:
         self._inputs: RTDEClient | None = None
         self._recipes: list[tuple[str, ...]] = []
         self._write_lock = asyncio.Lock()
-        self._primary = PrimaryClient(config.robot, config.robot_ports["primary"])
+        self._primary = PrimaryClient(config.host, config.robot_ports["primary"])
         self._kinematics: asyncio.Future[KinematicsInfo]
         self._exceptions: asyncio.Queue[ScriptFailedError] = asyncio.Queue()
         self._cleared_until_us = -1  # robot time up to which errors are of no interest
@@ -132,7 +132,7 @@ class RobotLink:
     def own_address(self) -> str:
         """This machine's address as the robot sees it, unless the network translates addresses (NAT)."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # connecting UDP sends nothing
-            probe.connect((self.config.robot, self.config.robot_ports["primary"]))
+            probe.connect((self.config.host, self.config.robot_ports["primary"]))
             return str(probe.getsockname()[0])
 
     @property
@@ -192,7 +192,7 @@ class RobotLink:
                     await self.next_state()
         except TimeoutError:
             why = self.feed.standstill.describe()
-            raise StaleStateError(self.config.robot, state.age_s, self.config.max_age_s, why) from None
+            raise StaleStateError(self.config.host, state.age_s, self.config.max_age_s, why) from None
         return state
 
     async def fresh_state(self) -> ReceivedState:
@@ -213,7 +213,7 @@ class RobotLink:
                     await self._changed.wait()
             except TimeoutError:
                 if self.feed.silent:
-                    where = self.config.robot, self.config.robot_ports["rtde"]
+                    where = self.config.host, self.config.robot_ports["rtde"]
                     raise NoAnswerError(*where, self.config.silence_s) from None
             self._awaited = True
         return self.state
@@ -296,7 +296,7 @@ class RobotLink:
             await self._inputs.run(self._inputs.core.add_inputs(names))
         else:
             recipes = self._recipes if known else [*self._recipes, names]
-            inputs = RTDEClient(self.config.robot, (), recipes, port=self.config.robot_ports["rtde"])
+            inputs = RTDEClient(self.config.host, (), recipes, port=self.config.robot_ports["rtde"])
             self._inputs = await inputs.__aenter__()
         if not known:
             self._recipes.append(names)
@@ -307,7 +307,7 @@ class RobotLink:
         config = self.config
         outputs = tuple(dict.fromkeys((*_REQUIRED_OUTPUTS, *config.outputs, *config.outputs_if_any)))
         return BlockingRTDEClient(
-            config.robot,
+            config.host,
             outputs,
             frequency_hz=config.frequency_hz,
             ignore_unavailable=True,
@@ -329,7 +329,7 @@ class RobotLink:
 
     async def _connect_dashboard(self, opening: AsyncExitStack) -> DashboardClient | None:
         dashboard = DashboardClient(
-            self.config.robot,
+            self.config.host,
             self.config.robot_ports["dashboard"],
             robot_api_port=self.config.robot_ports.get("robot api"),
         )
@@ -401,7 +401,7 @@ class RobotLink:
         await self._primary.close()
         while True:
             await asyncio.sleep(_RECONNECT_S)
-            client = PrimaryClient(self.config.robot, self.config.robot_ports["primary"])
+            client = PrimaryClient(self.config.host, self.config.robot_ports["primary"])
             try:
                 self._primary = await client.__aenter__()
                 self._connections.push_async_callback(client.close)

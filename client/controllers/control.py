@@ -1,12 +1,8 @@
-"""A robot with controllers: connects, makes the robot ready, and runs the control loop.
+"""Control of a robot by controllers: connects, makes the robot ready, and runs the control loop.
 
-async with ControlledRobot("192.168.1.10", make_ready=True) as robot:
-    robot.activate("scaled_joint_trajectory_controller")
-    result = await robot.follow("scaled_joint_trajectory_controller", trajectory)
-
-with BlockingControlledRobot("192.168.1.10", make_ready=True) as robot:
-    robot.activate("forward_velocity_controller")
-    robot.command("forward_velocity_controller", [0, 0, 0, 0, 0, 0.1])
+async with RobotControl("192.168.1.10", make_ready=True) as control:
+    control.activate("scaled_joint_trajectory_controller")
+    result = await control.follow("scaled_joint_trajectory_controller", trajectory)
 """
 
 import asyncio
@@ -33,8 +29,6 @@ from client.controllers.manager import ControllerManager
 from client.controllers.motion_primitives import point_of
 from client.controllers.ur_states import RTDE_OUTPUTS
 from client.driver import URDriver, points
-from client.driver.blocking import Blocking, blocking
-from client.driver.scheduling import real_time_thread
 from client.errors import MotionError
 from client.recording import DEFAULT_FIELDS, BackgroundRecorder
 from client.robot import AsyncRobot
@@ -52,13 +46,13 @@ async def recorded(driver: URDriver, path: Path) -> AsyncIterator[BackgroundReco
 
     A separate process writes the file, so that the control loop is not delayed. Raises RecordingError.
     """
-    info = {"robot": driver.config.robot, "polyscope": str(driver.version)}
+    info = {"robot": driver.config.host, "polyscope": str(driver.version)}
     recorder = await asyncio.to_thread(BackgroundRecorder, path, DEFAULT_FIELDS, info)
-    driver.robot.on_state.append(recorder.write)
+    driver.link.on_state.append(recorder.write)
     try:
         yield recorder
     finally:
-        driver.robot.on_state.remove(recorder.write)
+        driver.link.on_state.remove(recorder.write)
         await asyncio.to_thread(recorder.close)
 
 
@@ -87,7 +81,7 @@ def listen(recorder: BackgroundRecorder, manager: ControllerManager) -> Callable
 Answer = TypeVar("Answer")
 
 
-class ControlledRobot(ControlLoop):
+class RobotControl(ControlLoop):
     """A control loop that also connects to its robot; options are those of `client.driver.DriverConfig`.
 
     make_ready: power the arm on and release its brakes if necessary; without it, a robot that is not ready raises
@@ -153,7 +147,7 @@ class ControlledRobot(ControlLoop):
 
         speeds: also check that no joint needs more than its maximum speed between two points.
         """
-        link = self.driver.robot
+        link = self.driver.link
         if link.configuration is None:
             return
         current = dict(zip((self.prefix + joint for joint in JOINT_NAMES), self.driver.state["actual_q"], strict=True))
@@ -174,7 +168,7 @@ class ControlledRobot(ControlLoop):
         moves = [point_of(primitive) for primitive in primitives]
         for move in moves:
             move.encode()
-        if reach := reach_of(self.driver.robot, self.driver.state["actual_q"]):
+        if reach := reach_of(self.driver.link, self.driver.state["actual_q"]):
             reach.check("the sequence", moves)
 
     def activate(self, *names: str) -> None:
@@ -227,33 +221,3 @@ def check_speeds(
 
 def _rests(point: JointTrajectoryPoint) -> bool:
     return bool(point.velocities) and not any(point.velocities)
-
-
-class BlockingControlledRobot(Blocking[ControlledRobot]):
-    """Blocking counterpart of `ControlledRobot`: controllers run in a separate thread, in real time if allowed."""
-
-    def __init__(self, host: str, file: ControllersFile | None = None, **options: Any) -> None:
-        super().__init__(lambda: ControlledRobot(host, file, **options))
-
-    async def _enter(self) -> ControlledRobot:
-        robot = await super()._enter()
-        real_time_thread(robot.driver.config.realtime)
-        return robot
-
-    activate = blocking(ControlledRobot.activate)
-    deactivate = blocking(ControlledRobot.deactivate)
-    switch = blocking(ControlledRobot.switch)
-    command = blocking(ControlledRobot.command)
-    follow = blocking(ControlledRobot.follow)
-    result = blocking(ControlledRobot.result)
-    answer = blocking(ControlledRobot.answer)
-    rest = blocking(ControlledRobot.rest)
-    cycles = blocking(ControlledRobot.cycles)
-
-    def do(self, work: Callable[[ControllerManager], Answer]) -> Answer:
-        """Call ``work`` with the manager, between two cycles, and return its result."""
-
-        async def inside() -> Answer:
-            return self.inner.do(work)
-
-        return self.call(inside())
