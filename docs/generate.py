@@ -87,7 +87,9 @@ def pages() -> dict[str, Callable[[], str]]:
         "program_nodes.md": program_nodes,
         "guesses.md": guesses,
         "ros2_interfaces.md": ros2_interfaces,
-        **{f"../{path}": write for path, write in runpy.run_path(str(DOCS / "stubs.py"))["texts"]().items()},
+        **{
+            f"../../{path}": write for path, write in runpy.run_path(str(ROOT / "docs" / "stubs.py"))["texts"]().items()
+        },
     }
 
 
