@@ -28,7 +28,7 @@ from emulator.control.control import LiveControl
 from emulator.control.verbs import Verb, verbs_of
 from emulator.robotapi.endpoints import OPERATIONS
 from urproto.robotapi import BASE, PUT_PROGRAM_STATE, PUT_STATE
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 COUNT = 1000
 PERIOD_S = 0.002

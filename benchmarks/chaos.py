@@ -40,7 +40,7 @@ from urproto.rtde import codec
 from urproto.rtde.codec import RTDEDecoder
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 ROOT = Path(__file__).resolve().parents[1]
 STOPPED_WITHIN_S = 1.2  # of robot time

@@ -17,7 +17,7 @@ from PIL import Image
 from playwright.sync_api import Locator, Page, sync_playwright
 from screenshots import FLAGS, GOAL_DEG, IMAGES, POST, SIZE, START, TABLE, pendant
 
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 FILE = IMAGES / "first_minutes.webp"
 SHOWN = (960, 600)

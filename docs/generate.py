@@ -254,7 +254,7 @@ def guesses() -> str:
     guessed = (fact for rows in ledger().values() for fact in rows if fact.is_guess)
     rows = ((fact.name, fact.scope, f"{fact.value} {fact.unit}", fact.source) for fact in guessed)
     parts += ["## Ledger of facts", _table(("fact", "holds for", "value", "why"), rows)]
-    for package in ("urproto", "urscript", "emulator", "client"):
+    for package in ("urproto", "urscript", "emulator", "client", "urtesting"):
         places = dict[str, list[str]]()
         for path in sorted((DOCS.parent / package).rglob("*")):
             if FACTS in path.parents:

@@ -17,7 +17,7 @@ from playwright.sync_api import Page, sync_playwright
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile, SavedDraft
 from urproto.robots import kinematics_of, load_model
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 IMAGES = Path(__file__).with_name("images")
 SIZE = {"width": 1280, "height": 800}

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import settings
 
 from tests.budget import examples
-from urproto.testing.leaks import Resources
+from urtesting.leaks import Resources
 
 # Examples have no deadline, since load is not a bug. In CI they are the same every time, elsewhere they are random.
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, max_examples=examples(25))

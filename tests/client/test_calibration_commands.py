@@ -23,7 +23,7 @@ from urproto.errors import RobotRefused
 from urproto.modes import KinematicsStatus
 from urproto.primary.state import KinematicsInfo
 from urproto.robots import Calibration, CalibrationError, load_model
-from urproto.testing.process import claim_address
+from urtesting.process import claim_address
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 UR5E, UR5 = GOLDEN / "calibration_ur5e.yaml", GOLDEN / "calibration_ur5.yaml"

@@ -29,7 +29,7 @@ from client.doctor import (
 )
 from emulator import check
 from urproto.dashboard import GREETING
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 PERIOD_S = 0.002
 

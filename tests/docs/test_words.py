@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("urproto", "urscript", "emulator", "client")
+PACKAGES = ("urproto", "urscript", "emulator", "client", "urtesting")
 
 
 def phrases() -> list[str]:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from client import AsyncRobot
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 uvloop = pytest.importorskip("uvloop", reason="has no uvloop for this system")
 

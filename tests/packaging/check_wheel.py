@@ -15,7 +15,7 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = {"urproto", "urscript", "emulator", "client"}
+PACKAGES = {"urproto", "urscript", "emulator", "client", "urtesting"}
 
 PLUGIN_TEST = """
 def test_process(ur_emulator):

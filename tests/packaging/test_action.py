@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from urproto.testing.process import claim_address
+from urtesting.process import claim_address
 
 ROOT = Path(__file__).resolve().parents[2]
 ACTION = yaml.safe_load((ROOT / "action.yml").read_text())

@@ -30,7 +30,7 @@ def run(code: str, *arguments: str, cwd: Path | None = None) -> subprocess.Compl
 
 def test_an_arm_moves_with_the_same_torques_as_pinocchio() -> None:
     moving = """
-from urproto.testing import virtual_robot
+from urtesting import virtual_robot
 
 robot = virtual_robot("ur5e", running=True)
 robot.send_script(

@@ -20,7 +20,7 @@ from playwright.sync_api import Browser, BrowserContext, Locator, Page, Playwrig
 
 from tests.conftest import IN_REAL_TIME
 from tests.pendant.pendants import pendant
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 HERE = Path(__file__).resolve().parent
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

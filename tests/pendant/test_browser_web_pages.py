@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Playwright
 
 from tests.pendant.conftest import CHROMIUM, FLAGS, eventually
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 FOREIGN, REBOUND = "evil.test", "rebound.test"  # host names of the page, and of the robot after DNS rebinding
 BODY = """

@@ -19,7 +19,7 @@ import pytest
 
 from client.pendant.web_security import _MAX_PAGES, InvalidMessages
 from tests.pendant.pendants import pendant
-from urproto.testing.process import claim_address
+from urtesting.process import claim_address
 
 websockets = pytest.importorskip("websockets.sync.client")
 from websockets.exceptions import WebSocketException  # noqa: E402

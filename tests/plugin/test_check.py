@@ -12,8 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from emulator.check import app
-from urproto.testing import launch
-from urproto.testing.process import EmulatorProcess, claim_address
+from urtesting import launch
+from urtesting.process import EmulatorProcess, claim_address
 
 Check = Callable[..., tuple[int, str]]
 
@@ -94,7 +94,7 @@ class TestInstall:
     COMMAND = (
         sys.executable,
         "-c",
-        "import sys; sys.path.remove(''); from urproto.testing.launch import check; check()",
+        "import sys; sys.path.remove(''); from urtesting.launch import check; check()",
         "--install",
     )
 

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 import pytest
 
 from tests.budget import subset
-from urproto.testing.leaks import listening_sockets
+from urtesting.leaks import listening_sockets
 
 LEAVING = {
     "threads: forgotten": """

@@ -3,7 +3,7 @@
 import socket
 from typing import TextIO
 
-from urproto.testing.process import EmulatorProcess as Process
+from urtesting.process import EmulatorProcess as Process
 
 __all__ = ["EmulatorProcess"]
 

@@ -31,7 +31,7 @@ from emulator.control.control import VirtualRobot
 from emulator.devices.gripper_requests import GripperSession
 from emulator.servers.primary_state import robot_state
 from urproto.robotiq import RequestDecoder
-from urproto.testing import virtual_robot
+from urtesting import virtual_robot
 
 REPORTS = sorted((Path(__file__).parent / "reports").glob("*.yaml"))
 TOLERANCE = 1e-6

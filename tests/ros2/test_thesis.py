@@ -12,7 +12,7 @@ import pytest
 from ros2_rig import free_domain
 
 from urproto.entry import INTERRUPTED
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "thesis.md").read_text()

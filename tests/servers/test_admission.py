@@ -20,7 +20,7 @@ from emulator.servers.port import PortServer
 from urproto.compat_asyncio import timeout
 from urproto.log_throttle import EVERY_S
 from urproto.realtime import RealtimeDecoder
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 HOST = "127.0.0.1"
 ELSEWHERE = "127.0.0.2"

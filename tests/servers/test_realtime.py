@@ -18,7 +18,7 @@ from emulator import realtime
 from emulator.logs import BackgroundStream
 from emulator.realtime import Overload
 from urproto.compat_asyncio import timeout
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the emulator requests priorities on Linux only")
 FIFO_ALLOWED = sys.platform == "linux" and os.geteuid() == 0

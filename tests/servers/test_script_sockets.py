@@ -19,7 +19,7 @@ from emulator.services.sockets import ScriptNetwork, ScriptSocket
 from urproto.backdoors import BackdoorMark, is_backdoor
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
-from urproto.testing.process import EmulatorProcess
+from urtesting.process import EmulatorProcess
 
 HOST = "127.0.0.1"
 

@@ -7,7 +7,7 @@ import asyncio
 import subprocess
 import sys
 
-from urproto.testing.process import claim_address
+from urtesting.process import claim_address
 
 PORTS = (29999, 30001, 30002, 30003, 30004)
 

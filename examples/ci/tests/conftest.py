@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from cell import HOME, Cell
 
-from urproto.testing import EmulatorProcess
+from urtesting import EmulatorProcess
 
 sys.path.insert(0, str(Path(__file__).parent))
 from cable import Cable

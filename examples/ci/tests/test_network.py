@@ -8,7 +8,7 @@ from cable import Cable
 from cell import FAR, HOME, Cell
 from waiting import wait_until
 
-from urproto.testing import EmulatorProcess
+from urtesting import EmulatorProcess
 
 
 def test_a_pulled_cable_is_noticed_and_forgiven(far_cell: Cell, cable: Cable) -> None:

@@ -6,7 +6,7 @@ import pytest
 from cell import FAR, HOME, Cell, CellError
 from waiting import wait_until
 
-from urproto.testing import EmulatorProcess
+from urtesting import EmulatorProcess
 
 MOVING = "target_qd[0] > 0.5"
 

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import asyncio
 
     from emulator.control.control import VirtualRobot
-    from urproto.testing.leaks import Resources
-    from urproto.testing.process import EmulatorProcess
+    from urtesting.leaks import Resources
+    from urtesting.process import EmulatorProcess
 
 _DEFAULT_MODEL: Final = "ur3"
 _FIXTURES: Final = {"ur_emulator", "ur_robot", "make_ur_emulator"}
@@ -63,7 +63,7 @@ def make_ur_emulator(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, _ur_tasks: None
 ) -> Iterator[MakeEmulator]:
     """A function that starts emulators with the options of the marker ``ur_model``, each on its own address."""
-    from urproto.testing.process import EmulatorProcess, command_line, write_positions
+    from urtesting.process import EmulatorProcess, command_line, write_positions
 
     emulators = request.node.stash[_started] = []
 
@@ -97,7 +97,7 @@ def ur_emulator(request: pytest.FixtureRequest, make_ur_emulator: MakeEmulator) 
 @pytest.fixture
 def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "Iterator[VirtualRobot]":
     """A robot in this process, in virtual time and without ports: the verbs of the control API as methods."""
-    from urproto.testing.virtual import virtual_robot
+    from urtesting import virtual_robot
 
     __tracebackhide__ = True
     robot = virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))
@@ -189,7 +189,7 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
     __tracebackhide__ = True
     item.stash[_failed] = False
     if _uses_robots(item):
-        from urproto.testing.leaks import Resources
+        from urtesting.leaks import Resources
 
         item.config.stash[_allowed] = Resources.now()
     return (yield)
