@@ -3,7 +3,6 @@
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
 
-import argparse
 import ast
 import csv
 import dataclasses
@@ -38,8 +37,8 @@ from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.ports import PORTS
 from emulator.robotapi.endpoints import OPERATIONS
-from emulator.run_command import COMMAND as RUN
 from emulator.safety.causes import CAUSES
+from emulator.script_cli import make_parser
 from urproto.commandline import Deferred
 from urproto.facts import Certainty, known_releases, ledger, release_of
 from urproto.robotapi import BASE
@@ -47,7 +46,6 @@ from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
 from urproto.versions import Availability
 from urproto.yamltext import load_yaml
-from urscript import cli as urscript_cli
 from urscript.builtins import LibrarySet
 from urscript.polyscope.forms import Field as NodeField
 from urscript.polyscope.installation_sections import Field as Setting
@@ -425,13 +423,11 @@ def _argument(argument: Mapping[str, Any]) -> str:
 
 def _urscript_commands() -> Iterable[str]:
     """A section for each of the commands of ``urscript``, the emulator's among them."""
-    installed = [command for command in urscript_cli.commands() if command.name != RUN.name]
-    for command in (*installed, RUN):
-        parser = argparse.ArgumentParser(add_help=False)
-        command.arguments(parser)
-        yield f"## urscript {command.name}"
-        yield f"{command.help[0].upper()}{command.help[1:]}."
-        actions = parser._actions  # argparse has no other way to list them
+    (commands,) = (action for action in make_parser()._actions if action.dest == "command")
+    for name, parser in (commands.choices or {}).items():  # type: ignore[attr-defined]
+        yield f"## urscript {name}"
+        yield f"{parser.description[0].upper()}{parser.description[1:]}."
+        actions = [one for one in parser._actions if one.dest != "help"]  # argparse has no other way to list them
         rows = (
             (f"`{action.option_strings[-1] if action.option_strings else action.metavar}`", action.help or "")
             for action in actions

@@ -24,7 +24,7 @@ EMULATOR_LEVELS = (
     ("config", "readiness"),
     ("app", "batch", "script_peers", "check", "ctl", "facts_command", "virtual"),
     ("serve", "script_run", "learning"),
-    ("run_command", "options"),
+    ("script_cli", "options"),
     ("fleet", "campaign"),
     ("cli",),
     ("__main__",),

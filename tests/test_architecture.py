@@ -109,9 +109,8 @@ URSCRIPT_MAY_IMPORT = (
     "urproto.text",
     "urproto.versions",
 )
-URSCRIPT_COMMANDS_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots")  # the version follows from the arm
 # PolyScope's files contain poses and joint angles, and are saved
-POLYSCOPE_MAY_IMPORT = (*URSCRIPT_COMMANDS_MAY_IMPORT, "urproto.vectors", "urproto.durable")
+POLYSCOPE_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots", "urproto.vectors", "urproto.durable")
 # the parts of `urscript` that the client may import: programs are created on the client's side too
 CLIENT_MAY_IMPORT_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
 # modules of the world outside the tick: only these parts of the emulator and of the client may use them
@@ -264,14 +263,15 @@ def _not_allowed(name: str, imported: str) -> str | None:
     if top not in PACKAGES:
         known = top in sys.stdlib_module_names or within(name, THIRD_PARTY.get(top, ()))
         return None if known else "see THIRD_PARTY"
+    if name == "urscript.__main__" and imported == "emulator.script_cli":  # the command runs programs too
+        return None
     if top not in MAY_IMPORT[package]:
         return "see MAY_IMPORT"
     if package == "client" and top == "urscript" and not within(imported, CLIENT_MAY_IMPORT_OF_URSCRIPT):
         return "see CLIENT_MAY_IMPORT_OF_URSCRIPT"
     if package == "urscript" and top == "urproto":
         within_polyscope = within(name, ("urscript.polyscope",))
-        seen = URSCRIPT_COMMANDS_MAY_IMPORT if name == "urscript.commands" else URSCRIPT_MAY_IMPORT
-        allowed = POLYSCOPE_MAY_IMPORT if within_polyscope else seen
+        allowed = POLYSCOPE_MAY_IMPORT if within_polyscope else URSCRIPT_MAY_IMPORT
         return None if within(imported, allowed) else "the language is independent of robots"
     if package == "urscript" and within(imported, ("urscript.polyscope",)) != within(name, ("urscript.polyscope",)):
         return None if within(imported, ("urscript.work",)) else "the language does not depend on PolyScope"

@@ -7,6 +7,9 @@ import os
 import sys
 from collections.abc import Callable
 
+SUCCESS, TROUBLE, USAGE_ERROR = 0, 1, 2
+"""Exit statuses of ``urscript``: success, an error in the script, or wrong usage of the command."""
+
 INTERRUPTED = 130
 """Exit status of a program ended by Ctrl-C, as in shells."""
 

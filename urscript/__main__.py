@@ -11,7 +11,7 @@ def main() -> None:
 
 
 def _command() -> Callable[[], object]:
-    from urscript.cli import main as command
+    from emulator.script_cli import main as command
 
     return command
 

@@ -19,6 +19,8 @@ _SHUTDOWN_S: Final = 5.0  # guess: how long a clean shutdown may take
 def import_own_packages() -> None:
     """Import the project's packages, which Python then finds whatever else has their names."""
     sys.path.insert(0, str(ROOT))
+    import emulator  # noqa: F401
+    import urproto  # noqa: F401
     import urscript  # noqa: F401
 
     sys.path.remove(str(ROOT))
