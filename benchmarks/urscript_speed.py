@@ -56,7 +56,7 @@ class _OneFrame:
 def measure() -> Table:
     """Ratios of the best blocks; URScript and Python take turns."""
     rows = [[name, *_ratio(script, python)] for name, script, python in CASES]
-    note = f"CPU time: best of {BLOCKS} alternating runs each. The goal is at most twice that of Python."
+    note = f"CPU time: best of {BLOCKS} alternating runs each."
     return Table("URScript against plain Python", note, ["program", "URScript", "Python", "ratio"], rows)
 
 

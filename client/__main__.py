@@ -1,6 +1,20 @@
-"""Entry point of ``python -m client``, the same as the command ``ur-client``."""
+"""The command ``ur-client``, and ``python -m client``."""
 
-from urproto.entry import ur_client as main
+from collections.abc import Callable
+
+from urproto.entry import run
+
+
+def main() -> None:
+    """Run the command line."""
+    run(_command)
+
+
+def _command() -> Callable[[], object]:
+    from client.cli import main as command
+
+    return command
+
 
 if __name__ == "__main__":
     main()

@@ -3,7 +3,6 @@
 ``python docs/generate.py`` rewrites them; ``--check`` fails when they are stale instead.
 """
 
-import argparse
 import ast
 import csv
 import dataclasses
@@ -39,8 +38,8 @@ from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.ports import PORTS
 from emulator.robotapi.endpoints import OPERATIONS
-from emulator.run_command import COMMAND as RUN
 from emulator.safety.causes import CAUSES
+from emulator.script_cli import make_parser
 from urproto.commandline import Deferred
 from urproto.facts import known_releases, ledger, release_of
 from urproto.robotapi import BASE
@@ -48,7 +47,6 @@ from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
 from urproto.versions import Availability
 from urproto.yamltext import load_yaml
-from urscript import cli as urscript_cli
 from urscript.builtins import Builtin, LibrarySet
 from urscript.polyscope.forms import Field as NodeField
 from urscript.polyscope.installation_sections import Field as Setting
@@ -458,16 +456,15 @@ def _argument(argument: Mapping[str, Any]) -> str:
 
 
 def _urscript_commands() -> Iterator[tuple[str, str, list[tuple[str, str]]]]:
-    """The commands of ``urscript``, the emulator's among them."""
-    installed = [command for command in urscript_cli.commands() if command.name != RUN.name]
-    for command in (*installed, RUN):
-        parser = argparse.ArgumentParser(add_help=False)
-        command.arguments(parser)
+    """The commands of ``urscript``."""
+    (commands,) = (action for action in make_parser()._actions if action.dest == "command")
+    for name, parser in (commands.choices or {}).items():  # type: ignore[attr-defined]
+        actions = [one for one in parser._actions if one.dest != "help"]  # argparse has no other way to list them
         options = [
             (str(action.option_strings[-1] if action.option_strings else action.metavar), action.help or "")
-            for action in parser._actions  # argparse has no other way to list them
+            for action in actions
         ]
-        yield f"urscript {command.name}", f"{command.help[0].upper()}{command.help[1:]}.", options
+        yield f"urscript {name}", f"{parser.description[0].upper()}{parser.description[1:]}.", options
 
 
 def _commands(words: str, command: Any) -> Iterable[tuple[str, Any]]:

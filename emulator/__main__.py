@@ -1,6 +1,20 @@
-"""``python -m emulator``, and what the command ``ur-emulator`` calls."""
+"""The command ``ur-emulator``, and ``python -m emulator``."""
 
-from urproto.entry import ur_emulator as main
+from collections.abc import Callable
+
+from urproto.entry import run
+
+
+def main() -> None:
+    """Run the command line."""
+    run(_command)
+
+
+def _command() -> Callable[[], object]:
+    from emulator.cli import main as command
+
+    return command
+
 
 if __name__ == "__main__":
     main()

@@ -18,13 +18,13 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from emulator.control.remote import ControlClient
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.ports import PORTS
 from emulator.readiness import Finding, probe, run_script, watch_rtde
 from urproto.commandline import AsJson, application, print_json, version_of
-from urproto.testing.launch import PACKAGES, ROOT, is_own_package
+from urproto.controlapi import BadArguments, ControlClient, NotPossible
 
+_ROOT: Final = Path(__file__).absolute().parents[1]
+_PACKAGES: Final = ("client", "emulator", "urproto", "urscript", "urproto.testing")
 _FAILED: Final = 1
 _UNREACHABLE: Final = 3
 _PAUSE_S: Final = 0.25  # between two attempts while waiting
@@ -220,7 +220,7 @@ def _causes(finding: Finding) -> str:
 
 
 def _show_installation() -> None:
-    typer.echo(f"ur-emulator {version(_DISTRIBUTION)} in {ROOT}, Python {sys.version.split()[0]}")
+    typer.echo(f"ur-emulator {version(_DISTRIBUTION)} in {_ROOT}, Python {sys.version.split()[0]}")
     namesakes = [*_shadowing_packages(), *_overwritten()]
     for package, problem, remedy in namesakes:
         typer.echo(f"FAILED {package}: {problem}\n{'':7}remedy: {remedy}")
@@ -235,14 +235,20 @@ def _shadowing_packages() -> Iterator[tuple[str, str, str]]:
     A folder that is not a package is found only if ours is not on the path at all.
     """
     search = list(dict.fromkeys([os.getcwd(), *(str(Path(place).absolute()) for place in sys.path if place)]))
-    for package in PACKAGES:
+    for package in _PACKAGES:
         specs = [(place, spec) for place in search if (spec := PathFinder.find_spec(package, [place]))]
-        ours = next((i for i, (_, spec) in enumerate(specs) if is_own_package(spec.origin, package)), None)
+        ours = next((i for i, (_, spec) in enumerate(specs) if _is_own_package(spec.origin, package)), None)
         before = specs if ours is None else [(place, spec) for place, spec in specs[:ours] if spec.origin]
         for place, spec in before:
             who = f"started in {place}" if place == os.getcwd() else "everywhere"
             where = spec.origin or Path(place, package)
             yield package, f"python {who} imports {where} instead of ours", _remedy(place)
+
+
+def _is_own_package(origin: str | None, package: str) -> bool:
+    """Whether a package's ``__init__.py`` is that of the project."""
+    own_file = _ROOT / package / "__init__.py"
+    return origin is not None and Path(origin).exists() and own_file.samefile(origin)
 
 
 def _remedy(place: str) -> str:
@@ -255,7 +261,7 @@ def _remedy(place: str) -> str:
 def _overwritten() -> Iterator[tuple[str, str, str]]:
     """Distributions with files in the same places as ours: the one installed last has overwritten the other."""
     owners = packages_distributions()
-    for package in PACKAGES:
+    for package in _PACKAGES:
         for other in sorted(set(owners.get(package, [])) - {_DISTRIBUTION}):
             yield (
                 package,

@@ -12,9 +12,8 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from emulator.control.remote import ControlClient
-from emulator.control.verbs import BadArguments, NotPossible
 from urproto.commandline import application, console
+from urproto.controlapi import BadArguments, ControlClient, NotPossible
 from urproto.durable import write_file
 from urproto.ports import CONTROL_API_PORT
 from urproto.text import json_document, unknown

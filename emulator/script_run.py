@@ -17,10 +17,10 @@ from emulator.programs.compiling import LIBRARY_SET
 from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets, ScriptPort
 from emulator.services.sockets import ScriptNetwork
+from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
 from urproto.robots import RobotModel
 from urproto.robots.model import Joints
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
-from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
 

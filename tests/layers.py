@@ -22,10 +22,11 @@ EMULATOR_LEVELS = (
     ("faults", "robotapi"),
     ("control",),
     ("config", "readiness"),
-    ("app", "batch", "script_peers", "check", "ctl", "facts_command", "learning"),
-    ("serve", "script_run"),
-    ("run_command", "cli"),
+    ("app", "batch", "script_peers", "check", "ctl", "facts_command", "virtual"),
+    ("serve", "script_run", "learning"),
+    ("script_cli", "options"),
     ("fleet", "campaign"),
+    ("cli",),
     ("__main__",),
 )
 

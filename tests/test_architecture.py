@@ -18,7 +18,11 @@ ROOT = Path(__file__).resolve().parents[1]
 LAYERS = runpy.run_path(str(Path(__file__).with_name("layers.py")))
 PACKAGES = ("urproto", "urscript", "emulator", "client")
 
+IMPORT_FUNCTIONS = {"import_module", "__import__", "load_from"}
+
 CODE = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+TESTING = "urproto.testing"
 
 # package -> the project's packages it may import
 MAY_IMPORT = {
@@ -26,9 +30,12 @@ MAY_IMPORT = {
     "urscript": {"urscript", "urproto"},
     "emulator": {"emulator", "urproto", "urscript"},
     "client": {"client", "urproto", "urscript"},
+    TESTING: {"emulator", "urproto", "urscript"},  # starts emulators, so it stands above all of them
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
+    "em": ("client.ros2.message_builder",),
+    "rosidl_parser": ("client.ros2.message_builder",),
     "rclpy": ("client.ros2",),
     "action_msgs": ("client.ros2",),
     "rcl_interfaces": ("client.ros2",),
@@ -50,7 +57,7 @@ THIRD_PARTY = {
         "emulator.physics.description",
     ),
     "mujoco": ("emulator.physics",),
-    "PIL": ("emulator.physics.drawing", "client.lerobot.stats"),
+    "PIL": ("emulator.physics.drawing", "client.lerobot"),
     "gymnasium": ("emulator.learning",),
     "pyarrow": ("emulator.campaign.journal", "client.lerobot.dataset"),
     "ray": ("emulator.campaign.cluster",),
@@ -70,12 +77,13 @@ THIRD_PARTY = {
         "client.cameras",
         "client.pendant.cameras",
         "client.recording",
+        "client.ros2.message_builder",
         "client.identification",
         "client.lerobot",
         "client.traffic",
         "client.planning",
     ),
-    "pytest": ("urproto.pytest_plugin",),
+    "pytest": ("urproto.testing.pytest_plugin",),
     "async_timeout": ("urproto.compat_asyncio",),
     "tomli": ("urproto.compat",),
     "typing_extensions": ("urproto.compat",),
@@ -84,6 +92,7 @@ THIRD_PARTY = {
     "typer": (
         "emulator.check",
         "emulator.cli",
+        "emulator.options",
         "emulator.ctl",
         "emulator.facts_command",
         "emulator.campaign.command",
@@ -102,13 +111,10 @@ URSCRIPT_MAY_IMPORT = (
     "urproto.text",
     "urproto.versions",
 )
-URSCRIPT_COMMANDS_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots")  # the version follows from the arm
 # PolyScope's files contain poses and joint angles, and are saved
-POLYSCOPE_MAY_IMPORT = (*URSCRIPT_COMMANDS_MAY_IMPORT, "urproto.vectors", "urproto.durable")
+POLYSCOPE_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots", "urproto.vectors", "urproto.durable")
 # the parts of `urscript` that the client may import: programs are created on the client's side too
 CLIENT_MAY_IMPORT_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
-# modules that run whole emulators for tests may import the emulator for type checkers
-FOR_TESTS = ("urproto.pytest_plugin", "urproto.testing")
 # modules of the world outside the tick: only these parts of the emulator and of the client may use them
 OUTSIDE_WORLD = {"asyncio", "http", "socket", "threading", "select", "time", "selectors", "datetime"}
 MAY_ACCESS_OUTSIDE = (
@@ -117,6 +123,7 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.realtime",
     "emulator.app",
     "emulator.cli",
+    "emulator.options",
     "emulator.serve",
     "emulator.script_run",
     "emulator.serve",
@@ -126,7 +133,6 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.fleet.worker",
     "emulator.campaign.work",
     "emulator.campaign.progress",
-    "emulator.control.remote",
     "emulator.servers",
     "emulator.control.http",
     "emulator.check",
@@ -134,7 +140,8 @@ MAY_ACCESS_OUTSIDE = (
     "urproto.backdoors",
     "urproto.compat_asyncio",
     "urproto.durable",  # a thread, in which a control loop writes
-    *FOR_TESTS,
+    "urproto.controlapi",
+    "urproto.testing",
 )
 # a module of the standard library that imports sockets -> its names that may be used, which need assert_none
 CODECS = {"xmlrpc": {"Fault", "Unmarshaller", "dumps", "loads"}}
@@ -209,6 +216,15 @@ def _imports(name: str, at_import_time: bool) -> Iterator[str]:
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
                 yield inner if inner in _known() else node.module
+        elif isinstance(node, ast.Call) and not at_import_time:
+            yield from _imported_by_name(node)
+
+
+def _imported_by_name(call: ast.Call) -> Iterator[str]:
+    """The module whose name an import function gets as a string, ``module`` or ``module:name``."""
+    function = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+    if function in IMPORT_FUNCTIONS and call.args and isinstance(call.args[0], ast.Constant):
+        yield str(call.args[0].value).partition(":")[0]
 
 
 def _executed_on_import(tree: ast.AST) -> Iterator[ast.AST]:
@@ -247,20 +263,19 @@ def test_dependency_table() -> None:
 
 def _not_allowed(name: str, imported: str) -> str | None:
     """The reason why a module may not import another; None if it may."""
-    package, top = name.split(".")[0], imported.split(".")[0]
+    package, top = TESTING if within(name, (TESTING,)) else name.split(".")[0], imported.split(".")[0]
     if top not in PACKAGES:
         known = top in sys.stdlib_module_names or within(name, THIRD_PARTY.get(top, ()))
         return None if known else "see THIRD_PARTY"
-    if top == "emulator" and within(name, FOR_TESTS) and imported not in imports(name, at_import_time=True):
+    if name == "urscript.__main__" and imported == "emulator.script_cli":  # the command runs programs too
         return None
-    if top not in MAY_IMPORT[package]:
+    if top not in MAY_IMPORT[package] or (within(imported, (TESTING,)) and package not in (TESTING, "emulator")):
         return "see MAY_IMPORT"
     if package == "client" and top == "urscript" and not within(imported, CLIENT_MAY_IMPORT_OF_URSCRIPT):
         return "see CLIENT_MAY_IMPORT_OF_URSCRIPT"
     if package == "urscript" and top == "urproto":
         within_polyscope = within(name, ("urscript.polyscope",))
-        seen = URSCRIPT_COMMANDS_MAY_IMPORT if name == "urscript.commands" else URSCRIPT_MAY_IMPORT
-        allowed = POLYSCOPE_MAY_IMPORT if within_polyscope else seen
+        allowed = POLYSCOPE_MAY_IMPORT if within_polyscope else URSCRIPT_MAY_IMPORT
         return None if within(imported, allowed) else "the language is independent of robots"
     if package == "urscript" and within(imported, ("urscript.polyscope",)) != within(name, ("urscript.polyscope",)):
         return None if within(imported, ("urscript.work",)) else "the language does not depend on PolyScope"
@@ -367,7 +382,7 @@ def test_files_are_written_by_one_module() -> None:
     assert_none(
         f"{name} writes a file with {way}: use urproto.durable"
         for name, ways in found.items()
-        if not within(name, (*WRITES_FILES, *FOR_TESTS))
+        if not within(name, (*WRITES_FILES, "urproto.testing"))
         for way in ways
     )
     assert_none(
@@ -394,7 +409,7 @@ def _ways_to_write(tree: ast.AST) -> Iterator[str]:
             yield f"{owner}.{name}".strip(".")
 
 
-def test_exactly_four_packages() -> None:
+def test_exactly_these_packages() -> None:
     found = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     assert found - {"tests"} == set(PACKAGES)  # the tests are not installed
 
@@ -456,7 +471,7 @@ def test_layers_of_client() -> None:
 def test_an_import_that_violates_the_layers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also inside functions and for type checkers; the message has both modules and the rule."""
     source = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from client.robot import Robot\n"
-    source += "def later():\n    from client.pendant import server\n"
+    source += "def later():\n    from client.pendant import server\n    import_module('client.ros2.host')\n"
     trees = {"client.driver.points": ast.parse(source)}
     monkeypatch.setattr(f"{__name__}.syntax_tree", lambda name: trees.get(name) or ast.parse(""))
     imports.cache_clear()
@@ -467,4 +482,5 @@ def test_an_import_that_violates_the_layers_is_found(monkeypatch: pytest.MonkeyP
     assert sorted(found) == [
         "client.driver.points imports client.pendant.server, of `pendant`: `driver` may import ports",
         "client.driver.points imports client.robot, of `robot`: `driver` may import ports",
+        "client.driver.points imports client.ros2.host, of `ros2`: `driver` may import ports",
     ]

@@ -35,7 +35,6 @@ from emulator.campaign.report import write_report
 from emulator.campaign.work import Result, Status
 from emulator.config import ConfigError
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import NotPossible
 from emulator.ctl import _show as ctl_show
 from emulator.machine import ControllerConfig
 from emulator.reports import write_crash
@@ -43,6 +42,7 @@ from emulator.robotapi.stored import store_program
 from emulator.serve import write_ports
 from emulator.servers.http import HttpError
 from urproto import durable
+from urproto.controlapi import NotPossible
 from urproto.robots import Calibration, load_model
 from urscript.polyscope.document import read_document
 from urscript.polyscope.urpx import empty_urpx, read_urpx

@@ -44,7 +44,7 @@ def loaded(module: str, *words: str) -> str:
         ("emulator.__main__", "ur-emulator --version"),
         ("emulator.__main__", f"ur-emulator ctl ports --port {NOBODY}"),
         ("emulator.check", "ur-emulator-check --help"),
-        ("urscript.cli", "urscript --help"),
+        ("emulator.script_cli", "urscript --help"),
     ],
 )
 def test_common_commands_import_nothing_heavy(module, words):
@@ -54,7 +54,7 @@ def test_common_commands_import_nothing_heavy(module, words):
 def test_checking_a_script_needs_no_arm(tmp_path: Path):
     script = tmp_path / "move.script"
     script.write_text("def f():\n  movej([0, -1, 1, 0, 0, 0])\nend\n")
-    assert loaded("urscript.cli", "urscript", "check", str(script)) == "loaded: []"
+    assert loaded("emulator.script_cli", "urscript", "check", str(script)) == "loaded: []"
 
 
 def test_imported_modules_are_detected():

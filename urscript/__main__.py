@@ -1,6 +1,20 @@
-"""``python -m urscript``."""
+"""The command ``urscript``, and ``python -m urscript``."""
 
-from urproto.entry import urscript
+from collections.abc import Callable
+
+from urproto.entry import run
+
+
+def main() -> None:
+    """Run the command line."""
+    run(_command)
+
+
+def _command() -> Callable[[], object]:
+    from emulator.script_cli import main as command
+
+    return command
+
 
 if __name__ == "__main__":
-    urscript()
+    main()

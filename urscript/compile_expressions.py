@@ -25,13 +25,11 @@ from urscript.inference import (
     is_local,
     is_number,
     is_ordered,
-    is_sequence,
     is_vector,
 )
-from urscript.inline_calls import BuiltinCall, inline_call, joined
 from urscript.literals import call_problems
 from urscript.methods import METHOD_HINTS
-from urscript.number_code import ARITHMETIC_HELPERS, arithmetic_helper, element, number_arithmetic
+from urscript.number_code import ARITHMETIC_HELPERS, number_arithmetic
 from urscript.pycode import (
     LOAD,
     STORE,
@@ -46,7 +44,6 @@ from urscript.pycode import (
     subscript,
     yield_from,
 )
-from urscript.ranges import Ranges
 from urscript.syntax import (
     Binary,
     Call,
@@ -118,7 +115,6 @@ class Unit:
     structs: bool  # whether this version has struct()
     fixed_lists: bool  # whether list variables keep their length in this version
     stepped: bool = False  # whether every statement asks the host first
-    steady: set[str] = field(default_factory=set)  # functions that do not wait nor do more work than planned
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
@@ -153,22 +149,14 @@ class Unit:
 class ExpressionCompiler:
     """Compiles the expressions of one body."""
 
-    def __init__(
-        self, unit: Unit, scope: Scope, *, recursive: bool = False, boxed: bool = False, whole: bool = False
-    ) -> None:
-        """boxed: keep the body's variables as items of ``_locals``, so that statements sent later can share them.
-
-        whole: the body is short, and becomes one Python function.
-        """
+    def __init__(self, unit: Unit, scope: Scope, *, recursive: bool = False, boxed: bool = False) -> None:
+        """boxed: keep the body's variables as items of ``_locals``, so that statements sent later can share them."""
         self.unit = unit
         self.boxed = boxed
         self.scope = scope
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
-        self.unforeseen = 0  # of them, those that may wait, or do work of which no more is known than when it is done
-        self.called_work = 0  # at most what the others do in addition to the cost of their statements
-        self.ranges = Ranges(unit.program, scope, unit.builtins, unit.kinds, following=whole and not boxed)
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
         # Functions, not bound methods: those would form a reference cycle, which keeps the whole tree alive until the
@@ -311,13 +299,11 @@ class ExpressionCompiler:
         texts = any(_is_text(item) for item in node.items)
         if all(isinstance(item, Constant) for item in node.items) and not (texts and self.unit.fixed_lists):
             return ast.List(elts=items, ctx=ast.Load(), **place)
-        self.unforeseen += 1
         return call("_list", place, *items)
 
     def _number_list(self, node: NumberList, place: Place) -> ast.expr:
         """A list of numbers as bytes, because Python's compiler takes long for constants with many elements."""
         self.size += len(node.values) // 32
-        self.unforeseen += 1
         layout = "<" + "".join("i" if value.__class__ is int else "d" for value in node.values)
         return call("_numbers", place, constant(layout, place), constant(struct.pack(layout, *node.values), place))
 
@@ -335,7 +321,6 @@ class ExpressionCompiler:
             return ast.UnaryOp(op=ast.Not(), operand=self.condition(node.operand), **place)
         if node.operator == "-" and self.kind(node.operand) == FLOAT:
             return ast.UnaryOp(op=ast.USub(), operand=self.operand(node.operand), **place)
-        self.unforeseen += not is_number(self.kind(node.operand))
         return call("_neg" if node.operator == "-" else "_pos", place, self.operand(node.operand))
 
     def _binary(self, node: Binary, place: Place) -> ast.expr:
@@ -352,12 +337,8 @@ class ExpressionCompiler:
             self._kinds[id(node)] = kind = arithmetic(operator, *kinds)
             if is_number(kind):
                 self.size += kind != FLOAT  # code for the wrap at 32 bits
-                return number_arithmetic(node, kind, left, right, place, self.ranges)
-            if kinds == (STRING, STRING) and operator == "+":
-                self.size += 4
-                return joined(left, right, place)
-            self.unforeseen += 1
-            return call(arithmetic_helper(operator, *kinds), place, left, right)
+                return number_arithmetic(node, kind, left, right, place)
+            return call(ARITHMETIC_HELPERS[operator], place, left, right)
         ordered = all(map(is_ordered, kinds))
         if operator in _ORDER:
             helper, native = _ORDER[operator]
@@ -366,7 +347,6 @@ class ExpressionCompiler:
             return _compare(left, native(), right, place) if simple else call(helper, place, left, right)
         if ordered or _is_short(node.left) or _is_short(node.right):
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
-        self.unforeseen += 1
         return call("_eq" if operator == "==" else "_ne", place, left, right)
 
     def _logic(self, node: Binary, place: Place) -> ast.expr:
@@ -378,11 +358,7 @@ class ExpressionCompiler:
             conditions.append(left.right)
             left = left.left
         conditions.append(left)
-        code, here = [], self.ranges.place()
-        for condition in reversed(conditions):
-            code.append(self.condition(condition))
-            self.ranges.assume(condition, node.operator == "and")
-        self.ranges.go_to(here)
+        code = [self.condition(condition) for condition in reversed(conditions)]
         return ast.BoolOp(op=_LOGIC[node.operator](), values=code, **place)
 
     def _constant_behind(self, node: Expression) -> Expression:
@@ -411,9 +387,6 @@ class ExpressionCompiler:
         target = self.operand(node.target)
         if len(positions) == 2:
             return call("_cell", place, target, *positions)
-        sequence, position = node.target, node.positions[0]
-        if isinstance(sequence, Name) and is_sequence(self.kind(sequence)) and self.kind(position) == INT:
-            return element(sequence, target, position, positions[0], place, self.ranges)
         return call("_index", place, target, positions[0])
 
     def _member(self, node: Member, place: Place) -> ast.expr:
@@ -446,10 +419,6 @@ class ExpressionCompiler:
             self.expression(argument)
 
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
-        if plan.symbol in self.unit.steady:
-            self.called_work += plan.cost
-        else:
-            self.unforeseen += 1
         parameters = plan.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
         defaults = ExpressionCompiler(self.unit, Scope(""))  # a default value can only use globals
@@ -484,12 +453,6 @@ class ExpressionCompiler:
                     arguments.append(load("_omitted", place) if checked else constant(parameter.default, place))
         if builtin.takes_scope:
             arguments.insert(0, load("_locals", place))
-        if not checked and not node.keywords:
-            kinds = [self.kind(argument) for argument in node.arguments]
-            inline = inline_call(BuiltinCall(builtin.name, node.arguments, kinds, arguments, place), self.ranges)
-            if inline is not None:
-                return inline
-        self.unforeseen += 1
         code = call(f"{'b' if checked else 'u'}_{builtin.name}", place, *arguments)
         return yield_from(code, place) if builtin.takes_time else code
 
@@ -506,12 +469,10 @@ class ExpressionCompiler:
         names = tuple(name for name, _ in node.keywords)
         if node.arguments or len(set(names)) != len(names):
             raise BindingError("Type error: struct takes members as name=value, each name once")
-        self.unforeseen += 1
         return call("_struct", place, constant(names, place), *self.values([value for _, value in node.keywords]))
 
     def _method(self, node: MethodCall, place: Place) -> ast.expr:
         """``(yield from _method(...))[1]``; item 0 is the target after the call."""
-        self.unforeseen += 1
         if self.unit.fixed_lists and node.name in METHOD_HINTS and not self.unit.has_handles:
             message = f"lists have no method '{node.name}' before PolyScope 5.15; {METHOD_HINTS[node.name]}"
             self.unit.warnings.append(CallWarning(message, node.line, node.column))
@@ -547,7 +508,6 @@ class ExpressionCompiler:
         root = self.variable(target.name, place)
         if not self.is_local(target.name):
             self.stored_globals.add(f"v_{target.name}")
-        self.unforeseen += bool(path)
         if len(path) == 1:
             return target.name, call("_set_item", place, root, path[0], value)
         keys_code = ast.Tuple(elts=path, ctx=ast.Load(), **place)
@@ -558,7 +518,6 @@ class ExpressionCompiler:
         if plan is None or not plan.is_thread:
             self.name_not_found(node.name, node, "thread")
             return constant(None, place)
-        self.unforeseen += 1
         return call("_run", place, load(plan.symbol, place), constant(node.name, place))
 
 

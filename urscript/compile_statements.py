@@ -9,9 +9,7 @@ from typing import Any
 
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
-from urscript.inference import INT, is_list, is_plain
-from urscript.number_code import if_shared, within, write_element
-from urscript.operators import COPIED_PER_UNIT
+from urscript.inference import is_plain
 from urscript.pieces import Exit, Part, Pieces, PythonFunction
 from urscript.pycode import (
     LOAD,
@@ -22,14 +20,11 @@ from urscript.pycode import (
     charge,
     constant,
     function,
-    in_batches,
-    is_true,
     load,
     place_of,
     script_position,
     yield_from,
 )
-from urscript.sharing import KEEPING_NOTHING, unshared_lists
 from urscript.syntax import (
     Assign,
     Call,
@@ -60,14 +55,10 @@ _RUN_COST = 200
 
 _LOOP_COST = 3
 
-_MAX_BATCHED = 18
-"""Loops around the passes of a batch: Python nests at most 20 blocks, and a batch adds two."""
-
 _WORK = 8  # to compile an expression, or a statement without its expressions
 _SLICE = 12  # minimum number of these between two yields
 _PIECE = 100  # approximate number of these in a piece
 _REST = 40  # minimum number of these in a piece at the end of a block
-_FOLLOWING_WORK = 3  # to follow a statement before a loop is compiled
 _BRANCH_WORK = 4  # to put a branch before those that follow, without its contents
 _ROW = 20  # values from which a sequence is divided
 
@@ -113,8 +104,6 @@ def compile_function(
         body.insert(0, assign("_pieces", pieces, place))
     if compiler.boxed:
         body.insert(0, _boxed_locals(compiler, place, lends))
-    if not plan.generator and not unit.stepped and not compiler.unforeseen:
-        unit.steady.add(plan.symbol)
     size = compiler.inline + len(parameters)
     return [*compiler.pieces.functions, PythonFunction(function(plan.symbol, parameters, body, place), size)]
 
@@ -157,7 +146,7 @@ class _BodyCompiler(ExpressionCompiler):
         boxed: bool = False,
         lasting: bool = True,
     ) -> None:
-        super().__init__(unit, scope, recursive=recursive, boxed=boxed, whole=not divided)
+        super().__init__(unit, scope, recursive=recursive, boxed=boxed)
         shared = [
             *(["_locals"] if boxed else []),
             *([] if lasting else ["_pieces"]),
@@ -165,10 +154,7 @@ class _BodyCompiler(ExpressionCompiler):
         ]
         self.pieces = Pieces(symbol, shared, lasting=lasting)
         self._exits: list[Exit] = []  # exits of the code being compiled, like `stored_globals`
-        self._loops = 0  # around the code being compiled
         self._counted = 0  # the part of the size whose work has been yielded
-        self._statements: list[Statement] = []  # of the whole body
-        self._unshared: set[str] | None = None
         self._charged = charged  # a generator, so that it can park
         self._divided = divided
         self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
@@ -187,7 +173,6 @@ class _BodyCompiler(ExpressionCompiler):
 
     def body(self, statements: list[Statement], place: Place) -> Steps[list[ast.stmt]]:
         """The complete Python body of the function."""
-        self._statements = statements
         if self._charged:
             code = (yield from self._metered(statements)) or charge(1, place, park=True)
         else:
@@ -220,7 +205,6 @@ class _BodyCompiler(ExpressionCompiler):
                 if self._divided and statement.cost > _PIECE:
                     yield from self._divide_expressions(statement)
                 code += self._compilers[statement.__class__](self, statement, place)
-                self.ranges.follow(statement)
             yield from self._count()
         return code
 
@@ -325,7 +309,6 @@ class _BodyCompiler(ExpressionCompiler):
         code: list[ast.stmt] = [ast.Return(value=returned, **place)]
         run = self.pieces.add(code, self.inline - before, self.stored_globals, place)
         self.size += 1
-        self.unforeseen += 1
         self.stored_globals = outer
         self.hoisted[id(nodes[0])] = (len(nodes), run if alone else ast.Starred(value=run, ctx=LOAD, **place))
         yield from self._count()
@@ -350,61 +333,9 @@ class _BodyCompiler(ExpressionCompiler):
             if self.is_local(target.name):
                 return [self.bind(target.name, value, place)]
             return self._assign_global(target.name, value, place)
-        if isinstance(target, Index) and (code := self._assign_in_place(target, node.value, value, place)) is not None:
-            return code
         stored = self.store(target, value, place)
         assert stored is not None, "the parser allows assignment only to variables and their parts"
         return [self.bind(*stored, place)]
-
-    def _assign_in_place(
-        self, target: Index, source: Expression, value: ast.expr, place: Place
-    ) -> list[ast.stmt] | None:
-        """Write an element of a list, or of a copy where something else may refer to the list, too.
-
-        None for anything but a local variable that is a list of numbers or bools, and such a value.
-        """
-        name, position = target.target, target.positions[0]
-        if not isinstance(name, Name) or len(target.positions) > 1 or self.boxed or not self.is_local(name.name):
-            return None
-        if not is_list(self.kind(name)) or self.kind(position) != INT or not is_plain(self.kind(source)):
-            return None
-        self.size += 6
-        at, new = self.expression(position), value
-        variable = self.variable(name.name, place)
-        alone = self._is_unshared(name.name)
-        if alone and within(name, variable, position, at, place, self.ranges) is None:
-            return [write_element(variable, at, new, place)]
-        code: list[ast.stmt] = []
-        if not self._is_lasting(position):
-            code.append(assign("_at", at, place))
-            at = load("_at", place)
-        if not self._is_lasting(source):
-            code.append(assign("_new", value, place))
-            new = load("_new", place)
-        writing = [write_element(variable, at, new, place)]
-        if not alone:
-            length = self.ranges.length_of(name.name)
-            if length is None:
-                self.unforeseen += 1
-            else:
-                self.called_work += length // COPIED_PER_UNIT
-            writing.insert(0, if_shared(variable, self.bind(name.name, call("_copied", place, variable), place), place))
-        inside = within(name, variable, position, at, place, self.ranges)
-        if inside is None:
-            return [*code, *writing]
-        refuse = ast.Expr(call("_set_item", place, variable, at, new), **place)
-        return [*code, ast.If(test=inside, body=writing, orelse=[refuse], **place)]
-
-    def _is_unshared(self, name: str) -> bool:
-        """True for a variable whose list nothing else can refer to."""
-        if self._unshared is None:
-            built_in = KEEPING_NOTHING.isdisjoint(self.unit.program.functions)
-            self._unshared = unshared_lists(self.scope, self._statements) if built_in and not self._divided else set()
-        return name in self._unshared
-
-    def _is_lasting(self, node: Expression) -> bool:
-        """True for a value that nothing changes while other parts of the statement are evaluated."""
-        return isinstance(node, Constant) or (isinstance(node, Name) and self.is_local(node.name))
 
     def _old_setter(self, node: Assign) -> Call | None:
         """The built-in call that replaces an assignment such as ``digital_out[2] = True``, where the array is not a
@@ -448,7 +379,6 @@ class _BodyCompiler(ExpressionCompiler):
         heavy = _is_heavy(node)
         outer, outer_exits = self.stored_globals, self._exits
         branches: list[tuple[ast.expr, Part]] = []
-        ends = []
         for condition, statements in [*node.branches, (None, node.otherwise)]:
             part, before = Part(), self.inline
             self.stored_globals, self._exits = part.stored_globals, part.exits
@@ -457,15 +387,8 @@ class _BodyCompiler(ExpressionCompiler):
                     yield from self._divide(condition)
                 branches.append((self.condition(condition), part))
                 part.place = place_of(condition)
-                otherwise = self.ranges.place()
-                self.ranges.assume(condition, truth=True)
             part.code = yield from self._inner(statements, heavy)
             part.size = self.inline - before
-            ends.append(self.ranges.place())
-            if condition is not None:
-                self.ranges.go_to(otherwise)
-                self.ranges.assume(condition, truth=False)
-        self.ranges.go_to(*ends)
         self.stored_globals, self._exits = outer, outer_exits
         rest = part  # of the else
         for (test, part), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
@@ -481,44 +404,17 @@ class _BodyCompiler(ExpressionCompiler):
         return rest.code
 
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
-        before, called = self.unforeseen, self.called_work
         if self._divided:
             yield from self._divide(node.condition)
-        after, followed = self.ranges.enter(node)
-        yield followed * _FOLLOWING_WORK
-        size = self.size
         test = self.condition(node.condition)
-        size = self.size - size
-        once = self.called_work == called  # else it calls functions, which must not be called twice
         if self.unit.stepped:  # before each pass; _step returns None
             passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
         outer, self._exits = self._exits, []
-        self.ranges.assume(node.condition, truth=True)
-        self._loops += 1
-        passes = None if self.unit.stepped or self._loops > _MAX_BATCHED else _pass(node)
-        if passes is None:
-            body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
-        else:
-            work, at = passes
-            body = yield from self._plain(node.body)
-            copies = size * (1 + len(self._exits))  # of the condition, at most
-            if once and self.unforeseen == before and copies <= _PIECE:
-                self.size += copies
-                self._check_condition_at_each_continue(test, at)
-                body = in_batches(test, body, work, work + self.called_work - called, place)
-            body = [*charge(work, at, park=True), *body]
-        self._loops -= 1
-        self.ranges.go_to(after)
+        body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
         outer += [exit_ for exit_ in self._exits if isinstance(exit_, ast.Return)]
         self._exits = outer
         return [ast.While(test=test, body=body, orelse=[], **place)]
-
-    def _check_condition_at_each_continue(self, condition: ast.expr, place: Place) -> None:
-        """``if condition: continue``, ``else: break`` in the loop of a batch, which does not check the condition."""
-        for exit_ in self._exits:
-            if isinstance(exit_, ast.If) and isinstance(exit_.body[0], ast.Continue) and not is_true(condition):
-                exit_.test, exit_.orelse = condition, [ast.Break(**place)]
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:
         back = ast.Return(value=None if node.value is None else self.expression(node.value), **place)
@@ -538,7 +434,6 @@ class _BodyCompiler(ExpressionCompiler):
                 return [ast.Expr(value=call(f"_{node.word}", place), **place)]
 
     def _thread_control(self, node: ThreadControl, place: Place) -> list[ast.stmt]:
-        self.unforeseen += 1
         code = call(f"_{node.word}", place, self.expression(node.handle))
         if node.word == "join":
             code = ast.YieldFrom(value=code, **place)
@@ -547,7 +442,6 @@ class _BodyCompiler(ExpressionCompiler):
     def _label(self, node: Label, place: Place) -> list[ast.stmt]:
         """``while _label(number, text, option): yield``: report the label to the host, and wait while it says so."""
         self.size += 1
-        self.unforeseen += 1
         words = [constant(word, place) for word in (node.number, node.text, node.option)]
         wait = ast.Expr(value=ast.Yield(value=None, **place), **place)
         return [ast.While(test=call("_label", place, *words), body=[wait], orelse=[], **place)]
@@ -563,15 +457,6 @@ def _own_cost(statement: Statement) -> int:
     if _is_heavy(statement):
         return _LOOP_COST
     return statement.own_cost if isinstance(statement, If) else statement.cost
-
-
-def _pass(loop: While) -> tuple[int, Place] | None:
-    """The work of one pass of a loop that is charged at once, and the place to charge it; None if there are several."""
-    runs = list(_runs(loop.body, _LOOP_COST))
-    if len(runs) != 1 or any(_is_heavy(inner) or (isinstance(inner, If) and inner.loops) for inner in loop.body):
-        return None
-    ((statements, work),) = runs
-    return work, place_of(statements[0])
 
 
 def _runs(statements: list[Statement], extra: int) -> Iterator[tuple[list[Statement], int]]:

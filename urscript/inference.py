@@ -67,8 +67,7 @@ _GLOBAL: Final = ""
 _RESULT: Final = "return"
 
 _INTERPRETER: Final = "interpreter_mode"
-LIST_MAKER: Final = "make_list"
-LIST_LENGTHS: Final = frozenset(["length", "get_list_length"])
+_LIST_MAKER: Final = "make_list"
 
 _ARITHMETIC: Final = frozenset(["+", "-", "*", "/", "%"])
 _KIND_OF_CLASS: Final[dict[Any, KindSet]] = {int: INT, float: FLOAT, bool: BOOL, str: STRING}
@@ -115,16 +114,6 @@ def is_ordered(kind: KindSet) -> bool:
 def is_vector(kind: KindSet) -> bool:
     """True for values that can only be poses and lists of numbers."""
     return kind > 0 and not kind & ~_VECTORS
-
-
-def is_list(kind: KindSet) -> bool:
-    """True for values that can only be lists whose elements are numbers or bools: neither poses nor matrices."""
-    return kind > 0 and not kind & ~LISTS
-
-
-def is_sequence(kind: KindSet) -> bool:
-    """True for values that can only be poses, or lists whose elements are numbers or bools."""
-    return kind > 0 and not kind & ~(VECTOR | LISTS)
 
 
 def element_kind(kind: KindSet) -> KindSet:
@@ -209,7 +198,7 @@ class Kinds:
     def _result(self, scope: Scope, node: Call) -> KindSet:
         if node.name in self._program.functions:
             return self._variables.get((_RESULT, node.name), 0)
-        if node.name == LIST_MAKER and len(node.arguments) > 1:
+        if node.name == _LIST_MAKER and len(node.arguments) > 1:
             return _list_of(self.expression(scope, node.arguments[1]))
         builtin = self._builtins.get(node.name)
         if builtin is None:
@@ -380,11 +369,6 @@ def _arguments(called: Scope, scope: Scope, call: Call) -> Iterator[_Store]:
 
 def _variable(program: Program, scope: Scope, name: str) -> Variable:
     return (scope.name if is_local(program, scope, name) else _GLOBAL), name
-
-
-def assigned_names(statement: Statement) -> set[str]:
-    """The variables that a statement and those in its blocks assign to, in whole or in part."""
-    return {root(inner.target) for inner in all_statements([statement]) if isinstance(inner, Assign)}
 
 
 def _always_returns(body: list[Statement]) -> bool:

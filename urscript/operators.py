@@ -12,8 +12,7 @@ import sys
 import sysconfig
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from itertools import repeat
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
 
 from urscript.errors import RuntimeFault
 from urscript.meter import METER, charge
@@ -45,7 +44,7 @@ _MAX_PRODUCTS = 100_000
 """Maximum number of multiplications in one matrix operation, so that it fits into a few control periods (46 by 46
 elements)."""
 
-COPIED_PER_UNIT = 8
+_COPIED_PER_UNIT = 8
 """Elements of a list that are copied per unit of work."""
 
 
@@ -169,32 +168,6 @@ def _refuse(sign: str, *operands: Value) -> NoReturn:
     joined = sign == "+" and texts == 1 and all(operand.__class__ in _SCALARS for operand in operands)
     hint = "; str_cat() joins any two values" if joined else ""
     raise RuntimeFault(f"Type error: operator {sign} cannot be used with {found}{hint}")
-
-
-def _of_floats(operation: _Arithmetic, *, left_is_list: bool, right_is_list: bool) -> Operator:
-    """The operation for lists that hold only floats, or for such a list and a number."""
-    general, floats = operation.general, operation.floats
-
-    def calculate(left: Any, right: Any) -> Value:
-        if left_is_list and right_is_list and len(left) != len(right):
-            return general(left, right)  # which refuses them
-        lefts, rights = left if left_is_list else repeat(left), right if right_is_list else repeat(right)
-        try:
-            result = list(map(floats, lefts, rights))
-        except ZeroDivisionError:
-            return general(left, right)
-        METER.left -= 10 + 5 * len(result)
-        return result
-
-    return calculate
-
-
-FLOAT_LISTS = {
-    f"_{operation.general.__name__}_{suffix}": _of_floats(operation, left_is_list=left, right_is_list=right)
-    for operation in (_ADD, _SUB, _MUL, _DIV, _MOD)
-    for suffix, left, right in (("lists", True, True), ("by_number", True, False), ("each", False, True))
-}
-"""Operations on lists that are known to hold only floats, by their names in compiled code."""
 
 
 _only_floats = frozenset([float]).issuperset
@@ -441,32 +414,28 @@ def member(value: Value, name: str) -> Value:
 Key = Any  # str: a member; a number: an index; a pair: a matrix cell
 
 
-def _references(value: Value, _key: Key, _item: Value) -> int:
-    """The references to a value that an assignment passes on, as `set_item` would count them."""
-    return count_references(value)
+_references: Callable[[Any], int] = getattr(sys, "getrefcount", lambda _: -1)
 
 
-def _references_when_unshared(code: str) -> int:
-    """The references to a list that only a variable of a program refers to; 0 if that says nothing.
+def _references_when_unshared() -> int:
+    """The references that `set_item` counts for a list that only a variable of a program refers to; 0 if that says
+    nothing.
 
     The number depends on how Python passes arguments, so it is measured by a function compiled like those of programs.
     """
     if sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
         return 0
-    namespace: dict[str, Any] = {"_set_item": _references, "_references": count_references}
-    exec(f"def count():\n  v_a = [0]\n  {code}\n  return v_a", namespace)
+    namespace: dict[str, Any] = {"_set_item": lambda value, key, item: _references(value)}
+    exec("def count():\n  v_a = [0]\n  v_a = _set_item(v_a, 0, 1)\n  return v_a", namespace)
     return int(namespace["count"]())
 
 
-count_references: Callable[[Any], int] = getattr(sys, "getrefcount", lambda _: -1)
-UNSHARED = _references_when_unshared("v_a = _references(v_a)")
-"""What ``count_references`` returns, called by a program, for a list that only its variable refers to."""
-_UNSHARED_ARGUMENT = _references_when_unshared("v_a = _set_item(v_a, 0, 1)")
+_UNSHARED: Final = _references_when_unshared()
 
 
-def copied(value: list[Value]) -> list[Value]:
+def _copied(value: list[Value]) -> list[Value]:
     """A copy of a list, to write an element of it."""
-    METER.left -= len(value) // COPIED_PER_UNIT
+    METER.left -= len(value) // _COPIED_PER_UNIT
     return BoundedList(value, value.capacity) if isinstance(value, BoundedList) else value.copy()
 
 
@@ -478,10 +447,10 @@ def set_item(value: Value, key: Key, item: Value) -> Value:
     """
     result: Value
     if isinstance(value, list) and value.__class__ is not Pose and key.__class__ is int and 0 <= key < len(value):
-        if count_references(value) == _UNSHARED_ARGUMENT and item.__class__ in _SCALARS:
+        if _references(value) == _UNSHARED and item.__class__ in _SCALARS:
             value[key] = item
             return value
-        result = copied(value)
+        result = _copied(value)
         result[key] = item
     elif key.__class__ is str:
         result = Struct({**value.members, key: retype(member(value, key), item)})  # it keeps its type: manual of 5.19

@@ -329,7 +329,6 @@ class _Parser(RecoveringParser):
     # compound statements
 
     def _if(self, token: Token) -> Steps[Statement]:
-        outer_loops, self.scope.loops = self.scope.loops, False
         branches = [(yield from self._branch("if"))]
         while self.token.kind == "elif":
             self.take()
@@ -340,9 +339,7 @@ class _Parser(RecoveringParser):
             self.header(lambda: self.expect(":", "after else"), None)
             otherwise = yield from self._open_block()
         yield from self._close(f"to close the if on line {token.line}", otherwise)
-        loops = self.scope.loops
-        self.scope.loops = loops or outer_loops
-        return If(token.line, token.column, branches, otherwise, loops)
+        return If(token.line, token.column, branches, otherwise)
 
     def _branch(self, word: str) -> Steps[tuple[Expression, list[Statement]]]:
         condition = self._condition(word)

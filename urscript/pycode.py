@@ -10,10 +10,6 @@ from urscript.syntax import Node
 
 LOAD, STORE = ast.Load(), ast.Store()
 
-_BATCH = 32  # passes
-BATCHES = {"_once": (0,), "_often": tuple(range(_BATCH + 1))}
-"""Names that `in_batches` uses."""
-
 
 class Place(TypedDict):
     """The position of a node as stored in the Python code; read it with ``script_position`` or
@@ -108,41 +104,6 @@ def charge(units: int, place: Place, *, park: bool) -> list[ast.stmt]:
     empty = ast.Compare(left=load("_left", place), ops=[ast.Lt()], comparators=[constant(0, place)], **place)
     pause = ast.Expr(value=ast.Yield(value=constant(True, place), **place), **place)
     return [draw, ast.If(test=empty, body=[pause], orelse=[], **place)]
-
-
-def in_batches(condition: ast.expr, body: list[ast.stmt], units: int, most: int, place: Place) -> list[ast.stmt]:
-    """The rest of the first pass of a loop, whose work has been charged, and of a batch if the meter has work for one.
-
-    It stands in a loop with the same condition, and for its body::
-
-        try:
-            for _pass in _often if _left >= 33 * most else _once:
-                body
-                if not condition: break
-            else:
-                continue
-        finally:
-            _meter.left -= units * _pass
-        break
-
-    units: the work of a pass. most: including that of the functions it calls, which charge it themselves.
-    """
-    enough = ast.Compare(load("_left", place), [ast.GtE()], [constant((_BATCH + 1) * most, place)], **place)
-    passes = ast.IfExp(test=enough, body=load("_often", place), orelse=load("_once", place), **place)
-    end: list[ast.stmt] = []
-    if not is_true(condition):
-        test = ast.UnaryOp(op=ast.Not(), operand=condition, **place)
-        end.append(ast.If(test=test, body=[ast.Break(**place)], orelse=[], **place))
-    loop = ast.For(ast.Name("_pass", STORE, **place), passes, [*body, *end], [ast.Continue(**place)], **place)
-    target = ast.Attribute(value=load("_meter", place), attr="left", ctx=STORE, **place)
-    work = ast.BinOp(left=constant(units, place), op=ast.Mult(), right=load("_pass", place), **place)
-    settle = ast.AugAssign(target=target, op=ast.Sub(), value=work, **place)
-    return [ast.Try(body=[loop], handlers=[], orelse=[], finalbody=[settle], **place), ast.Break(**place)]
-
-
-def is_true(condition: ast.expr) -> bool:
-    """Whether a condition is the constant True."""
-    return isinstance(condition, ast.Constant) and condition.value is True
 
 
 def function(name: str, parameters: list[str], body: list[ast.stmt], place: Place) -> ast.stmt:

@@ -31,7 +31,7 @@ from collections.abc import Callable, Generator, Mapping
 from types import FrameType, GeneratorType, TracebackType
 from typing import Any, Final, NoReturn, Protocol, cast
 
-from urscript import inline_calls, operators
+from urscript import operators
 from urscript.analysis import MAX_CALL_DEPTH
 from urscript.builtins import OMITTED, Builtin
 from urscript.compile_statements import STATEMENT
@@ -41,7 +41,7 @@ from urscript.interpreter import STATEMENT_FILE, CompiledStatement, Locals
 from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
 from urscript.pieces import piece_name
-from urscript.pycode import BATCHES, instruction_position, script_line
+from urscript.pycode import instruction_position, script_line
 from urscript.values import TYPE_NAMES, UNSET, Pose, Value
 
 # Python's messages for errors that compiled code raises itself.
@@ -476,7 +476,6 @@ def _too_deep() -> NoReturn:
 _HELPERS: dict[str, Any] = {
     "__builtins__": {},
     "_meter": METER,
-    **BATCHES,
     "_omitted": OMITTED,
     "_Halt": _Halt,
     "_Locals": Locals,
@@ -503,14 +502,9 @@ _HELPERS: dict[str, Any] = {
     "_new_pose": Pose,
     "_numbers": operators.number_list,
     "_struct": operators.make_struct,
-    "_len": len,
-    **operators.FLOAT_LISTS,
-    **inline_calls.HELPERS,
     "_index": operators.index,
     "_cell": operators.cell,
     "_member": member,
-    "_references": operators.count_references,
-    "_copied": operators.copied,
     "_set_item": operators.set_item,
     "_set_path": operators.set_path,
     "_retype": operators.retype,

@@ -133,7 +133,6 @@ class ExpressionStatement(Node):
 class If(Node):
     branches: list[tuple[Expression, list["Statement"]]]
     otherwise: list["Statement"]
-    loops: bool  # contains a while loop at any depth
     cost: int = 0
     own_cost: int = 0  # without the loops
 

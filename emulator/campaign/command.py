@@ -18,8 +18,8 @@ from emulator.campaign.plan import Plan, Run, read_plan
 from emulator.campaign.progress import Progress
 from emulator.campaign.report import Summary, write_report
 from emulator.campaign.work import installed_version
-from emulator.cli import errors_in_one_line
 from emulator.config import ConfigError
+from emulator.options import errors_in_one_line
 from emulator.realtime import usable_cores
 from urproto.commandline import application
 from urproto.extras import how_to_install

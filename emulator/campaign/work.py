@@ -17,11 +17,11 @@ import msgspec
 from emulator.campaign.minimise import minimised
 from emulator.campaign.plan import Kind, Plan, Run
 from emulator.config import ConfigError
-from emulator.run_command import parsed
+from emulator.script_cli import parsed
 from emulator.script_run import execute
 from urproto.compat import StrEnum
+from urproto.entry import SUCCESS
 from urproto.text import readable
-from urscript.commands import SUCCESS
 
 _LONGEST: Final = 400  # characters of a failure; the replay command shows the rest
 _PYTEST_FAILED: Final = 1

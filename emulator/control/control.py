@@ -12,7 +12,7 @@ from emulator.control.modes import ModeVerbs, SignalVerbs
 from emulator.control.programs import ProgramVerbs
 from emulator.control.state import StateVerbs
 from emulator.control.timing import ManualPace, Pace, TimeVerbs
-from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, methods_of, verb
+from emulator.control.verbs import ControlledRobot, Verbs, Waiting, methods_of, verb
 from emulator.control.world import WorldVerbs
 from emulator.controller import Controller
 from emulator.faults.catalogue import kinds, make_fault
@@ -20,6 +20,7 @@ from emulator.faults.fault import FaultError, FaultImpossibleError, publish_no_c
 from emulator.faults.injector import FaultInjector
 from emulator.machine import ControllerConfig
 from emulator.servers.admission import RejectedClients
+from urproto.controlapi import BadArguments, NotPossible
 
 _T = TypeVar("_T")
 

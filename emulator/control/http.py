@@ -18,7 +18,7 @@ import msgspec
 from emulator.control.control import LiveControl, is_waiting
 from emulator.control.metrics import CONTENT_TYPE
 from emulator.control.openapi import listing, openapi
-from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
+from emulator.control.verbs import Verb, verbs_of
 from emulator.servers.admission import Reason
 from emulator.servers.connection import Connection
 from emulator.servers.http import (
@@ -41,6 +41,7 @@ from emulator.servers.http import (
 from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
 from urproto.backdoors import BackdoorMark
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.text import to_bytes
 
 _VERBS: Final[Mapping[str, Verb]] = verbs_of(LiveControl.SUBJECTS)

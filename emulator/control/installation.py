@@ -5,11 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
+from emulator.control.verbs import ControlledRobot, Verbs, Waiting, verb
 from emulator.controller import Controller
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.services.urcap import DriverAddress
 from emulator.workshare import in_periods
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.durable import writing
 from urproto.text import unknown
 from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document

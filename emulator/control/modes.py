@@ -6,13 +6,14 @@ from math import isfinite
 from typing import Any, Final, Literal
 
 from emulator.commands.safety import Jog, SetSafetyInput
-from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, verb
+from emulator.control.verbs import Verbs, Waiting, verb
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.causes import CAUSES, Cause
 from emulator.safety.conditions import SafetyDevice
 from emulator.snapshot import plausible
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import AnalogDomain
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.text import unknown

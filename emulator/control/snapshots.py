@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Final
 
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.lifecycle.power import PowerState
 from emulator.robot.installation import Payload
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import RuntimeState
 from urproto.text import from_readable, readable
 

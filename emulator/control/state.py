@@ -5,10 +5,11 @@ from dataclasses import fields
 from typing import Any, Final
 
 from emulator.control.snapshots import restore_state, save_state
-from emulator.control.verbs import BadArguments, NotPossible, Verbs, verb
+from emulator.control.verbs import Verbs, verb
 from emulator.robot.installation import Payload
 from emulator.snapshot import Snapshot, plausible
 from urproto.compat import IntEnum, IntFlag
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.vectors import ZERO3, Vector3, Vector6
 
 _FIELDS: Final = tuple(field.name for field in fields(Snapshot) if field.name != "messages")

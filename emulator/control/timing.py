@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
-from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
+from emulator.control.verbs import ControlledRobot, Verbs, Waiting, verb
 from emulator.snapshot import Snapshot
 from urproto.compat import IntEnum
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.text import number
 
 _COMPARISONS: Final[dict[str, Callable[[Any, Any], bool]]] = {

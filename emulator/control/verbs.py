@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
 import msgspec
 
+from urproto.controlapi import BadArguments
+
 if TYPE_CHECKING:
     from emulator.controller import Controller
 
@@ -47,14 +49,6 @@ class Verbs:
 
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-
-
-class BadArguments(ValueError):  # noqa: N818 - named for what is the case
-    """The arguments do not fit the verb, whatever state the robot is in."""
-
-
-class NotPossible(Exception):  # noqa: N818 - named for what is the case
-    """The robot cannot do that in the state it is in."""
 
 
 def verb(function: _Function) -> _Function:

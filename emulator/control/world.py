@@ -15,11 +15,12 @@ from emulator.commands.world import (
     ResetWorld,
     WorldCommand,
 )
-from emulator.control.verbs import BadArguments, Verbs, verb
+from emulator.control.verbs import Verbs, verb
 from emulator.robot.installation import Payload
 from emulator.world.file import describe_object, read_object
 from emulator.world.shapes import Frame, Push
 from emulator.world.world import World
+from urproto.controlapi import BadArguments
 from urproto.vectors import ZERO3, Vector3, Vector6
 
 

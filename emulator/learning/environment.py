@@ -13,10 +13,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.physics import open_cameras
+from emulator.virtual import virtual_robot
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import RuntimeState, SafetyMode
-from urproto.testing.virtual import virtual_robot
 from urproto.vectors import all_finite
 
 if TYPE_CHECKING:

@@ -221,12 +221,12 @@ def test_an_early_ctrl_c_ends_in_silence(command: str, tmp_path: Path) -> None:
     chance = random.Random(1)
     # whoever started the tests in the background may have told them to ignore Ctrl-C
     begin = "import signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\nprint('begun', flush=True)\n"
-    begin += "from urproto.entry import {}\nsys.argv = {}\n{}()"
+    begin += "from {}.__main__ import main\nsys.argv = {}\nmain()"
     words = command.split()
-    entry = words[0].replace("-", "_")
+    entry = {"ur-emulator": "emulator", "ur-client": "client"}.get(words[0], words[0])
     for _ in range(4):
         with subprocess.Popen(
-            [sys.executable, "-c", begin.format(entry, words, entry)],
+            [sys.executable, "-c", begin.format(entry, words)],
             cwd=tmp_path,
             env=environment,
             stdout=subprocess.PIPE,

@@ -12,10 +12,9 @@ from client.rtde import RTDEClient
 from emulator import ctl
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.control.remote import RemoteControl
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.machine import ControllerConfig
 from urproto.compat_asyncio import timeout
+from urproto.controlapi import BadArguments, NotPossible, RemoteControl
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"

@@ -16,9 +16,8 @@ from emulator import ctl
 from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.config import ConfigError, EmulatorConfig
-from emulator.control.remote import ControlClient, NoControlError, RemoteControl
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.machine import ControllerConfig
+from urproto.controlapi import BadArguments, ControlClient, NoControlError, NotPossible, RemoteControl
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"

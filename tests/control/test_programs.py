@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.machine import ControllerConfig
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 
 SCRIPT = "# counts\ndef count():\n  i = 0\n  while True:\n    i = i + 1\n    sync()\n  end\nend\n"

@@ -12,9 +12,10 @@ import pytest
 
 from emulator.control import control
 from emulator.control.control import Control, LiveControl, PortVerbs, VirtualRobot
-from emulator.control.verbs import BadArguments, NotPossible, verbs_of
+from emulator.control.verbs import verbs_of
 from emulator.machine import ControllerConfig
 from emulator.servers.admission import Reason, RejectedClients
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 

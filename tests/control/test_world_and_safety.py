@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.machine import ControllerConfig
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 
 BENT = (0.1, -1.2, 1.3, -1.7, -1.5, 0.2)

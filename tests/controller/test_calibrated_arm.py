@@ -7,10 +7,10 @@ import pytest
 
 from emulator.config import read_calibration
 from emulator.servers.primary_state import kinematics_info
+from emulator.virtual import virtual_robot
 from urproto.modes import KinematicsStatus
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_sub
-from urproto.testing.virtual import virtual_robot
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 START = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)

@@ -3,12 +3,12 @@
 import pytest
 
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import NotPossible
 from emulator.machine import ControllerConfig
 from emulator.servers.primary_state import robot_state
 from emulator.world.file import WorldPlan
 from emulator.world.shapes import Box, WorldObject
 from tests.controller.test_safety_limits import SERVO, STRETCHED, safe
+from urproto.controlapi import NotPossible
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.robots import START_Q, load_model
 

@@ -29,8 +29,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from fault_rig import Client, Robot, RTDEClient
 
 from emulator.clock import RealClock
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.servers.rtde import RTDEServer
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.rtde.codec import RequestProtocol, SetupInputs, SetupOutputs, Start
 
 MAX_CLIENTS: Final = 12

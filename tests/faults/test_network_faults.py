@@ -7,8 +7,8 @@ from collections.abc import AsyncIterator
 import pytest
 from fault_rig import HOST, Client, Robot
 
-from emulator.control.verbs import NotPossible
 from urproto.compat_asyncio import timeout
+from urproto.controlapi import NotPossible
 
 REALTIME = 1108  # bytes of a package of PolyScope 3.15
 

@@ -11,9 +11,9 @@ from emulator.app import Emulator
 from emulator.clock import RealClock
 from emulator.config import EmulatorConfig
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import NotPossible
 from emulator.machine import ControllerConfig
 from urproto.compat_asyncio import timeout
+from urproto.controlapi import NotPossible
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
 

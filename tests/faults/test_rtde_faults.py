@@ -5,7 +5,7 @@ import struct
 import pytest
 from fault_rig import Robot, RTDEClient
 
-from emulator.control.verbs import NotPossible
+from urproto.controlapi import NotPossible
 from urproto.rtde.codec import PackageType, RequestProtocol, SetupInputs, SetupOutputs, Start
 
 

@@ -7,10 +7,10 @@ import pytest
 
 pytest.importorskip("mujoco", reason="the extra physics")  # not packaged for Python 3.10
 
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.physics import open_cameras
 from emulator.physics.cameras import CameraError
-from urproto.testing.virtual import virtual_robot
+from emulator.virtual import virtual_robot
+from urproto.controlapi import BadArguments, NotPossible
 
 SCENE = """
 objects:

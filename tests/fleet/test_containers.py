@@ -10,7 +10,8 @@ import pytest
 import typer.main
 import yaml
 
-from emulator.cli import ROBOT_OPTIONS, app, configure
+from emulator.cli import app
+from emulator.options import ROBOT_OPTIONS, configure
 from emulator.ports import PORTS
 from urproto.compat import load_toml
 from urproto.ports import PENDANT_PORT

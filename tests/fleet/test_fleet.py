@@ -9,8 +9,8 @@ import sys
 import pytest
 from fleet_rig import DEADLINE_S, alive, answers, dashboard, host, running, wait_for_end
 
-from emulator.control.remote import RemoteControl
 from urproto.compat import module_command
+from urproto.controlapi import RemoteControl
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has many loopback addresses")
 READY = "Ready: every port of 4 robots answers"

@@ -3,11 +3,11 @@
 import pytest
 from typer.testing import CliRunner
 
-from emulator.cli import ROBOT_OPTIONS, configure
 from emulator.config import ConfigError
 from emulator.fleet.command import app
 from emulator.fleet.plan import FleetFile, place
 from emulator.fleet.supervisor import share_out
+from emulator.options import ROBOT_OPTIONS, configure
 
 
 def plan(path, text: str):

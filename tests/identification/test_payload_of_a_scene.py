@@ -7,11 +7,11 @@ pytest.importorskip("mujoco", reason="the extra physics")  # not packaged for Py
 
 from client.identification.identify import identify
 from client.recording import Recording
+from emulator.virtual import virtual_robot
 from tests.identification.conftest import MODEL, MOVES, NAMES
 from urproto.robots import kinematics_of
 from urproto.robots.pose import pose_trans
 from urproto.rtde.fields import OUTPUT_FIELDS
-from urproto.testing.virtual import virtual_robot
 
 START = (0.2, -1.4, 1.0, 0.0, 0.3, 0.1)
 KG = 3.0

@@ -13,9 +13,9 @@ import gymnasium
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordEpisodeStatistics
 
-from emulator.control.verbs import NotPossible
 from emulator.learning import PickAndPlaceEnv, RobotEnv, TaskError
 from emulator.learning.pick_and_place import HIGH, LOW
+from urproto.controlapi import NotPossible
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "ur_emulator/PickAndPlace-v0"

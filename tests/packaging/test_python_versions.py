@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PROJECT = load_toml((ROOT / "pyproject.toml").read_text())
 OLDEST = PROJECT["project"]["requires-python"].removeprefix(">=")
 COMPAT = {"urproto/compat.py", "urproto/compat_asyncio.py"}  # they provide the newer names
-PACKAGES = ("urproto/", "urscript/", "emulator/", "client/")
+PACKAGES = ("urproto/", "urscript/", "emulator/", "client/", "urproto/testing/")
 
 # names that Python 3.10 lacks -> replacements
 NEWER = {

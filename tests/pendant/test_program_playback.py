@@ -11,8 +11,8 @@ from client.pendant.emulator_control import EmulatorControlError
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import NotPossible
 from emulator.machine import ControllerConfig
+from urproto.controlapi import NotPossible
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion

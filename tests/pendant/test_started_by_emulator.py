@@ -16,13 +16,13 @@ import pytest
 from client.rtde import BlockingRTDEClient
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
-from emulator.control.remote import RemoteControl
 from emulator.machine import ControllerConfig
 from emulator.serve import Pendant
 from tests.servers.test_cli import read_until
 from urproto.backdoors import is_backdoor
 from urproto.compat import module_command
 from urproto.compat_asyncio import timeout
+from urproto.controlapi import RemoteControl
 from urproto.ports import CONTROL_API_PORT
 from urproto.robots import load_model
 from urproto.testing.process import claim_address

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("mujoco", reason="the extra physics")  # not packaged for Python 3.10
 
 from emulator.commands.requests import ScriptUnit
-from urproto.testing.virtual import virtual_robot
+from emulator.virtual import virtual_robot
 
 HOME = (0.0, -1.5, 1.5, -pi / 2, -pi / 2, 0.0)  # rad: tool straight down, far from singularities
 

@@ -36,7 +36,7 @@ def lines_of(output: str, mark: str) -> set[str]:
 
 def test_a_healthy_robot(robot: EmulatorProcess) -> None:
     status, output = check(robot.host, "--run-script")
-    assert (status, lines_of(output, "ok")) == (0, {*robot.ports, "script"}), output
+    assert (status, lines_of(output, "ok")) == (0, {*robot.ports, "script", "rtde stream"}), output
     assert "Robotmode: RUNNING" in output
     assert "PolyScope 5." in output
 

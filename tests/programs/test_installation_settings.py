@@ -7,8 +7,8 @@ import pytest
 from tree_rig import Arm, main, textmsg
 
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import BadArguments
 from emulator.machine import ControllerConfig
+from urproto.controlapi import BadArguments
 from urproto.robots import load_model
 from urproto.signals import STANDARD
 from urproto.versions import DEFAULT_VERSION, Series

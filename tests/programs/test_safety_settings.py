@@ -8,9 +8,9 @@ from math import isfinite, pi, radians
 import pytest
 
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import BadArguments
 from emulator.machine import ControllerConfig
 from emulator.safety.files import load_safety_file
+from urproto.controlapi import BadArguments
 from urproto.robots import MODELS, load_model
 from urproto.versions import DEFAULT_VERSION
 from urscript.polyscope.document import make, read_document, write_document

@@ -11,7 +11,7 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
-from emulator.control.remote import RemoteControl
+from urproto.controlapi import RemoteControl
 
 TARGET_Q = [START_Q[0] + 0.3, *START_Q[1:]]
 ATTEMPTS = 4  # ur_rtde 1.6.5: about one in ten ends with a signal

@@ -13,7 +13,7 @@ import pytest
 from emulator.commands.dashboard import COMMANDS
 from emulator.commands.requests import DashboardLine
 from emulator.control.control import VirtualRobot
-from emulator.control.verbs import BadArguments, NotPossible, verbs_of
+from emulator.control.verbs import verbs_of
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.mailbox import Command
@@ -22,6 +22,7 @@ from emulator.robotapi.endpoints import OPERATIONS, Upload
 from emulator.robotapi.server import RobotApiCall
 from emulator.workshare import WORK_PER_SECOND, Job, WorkShare
 from tests.budget import examples
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.installation_file import InstallationFile, read_installation_steps

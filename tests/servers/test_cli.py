@@ -15,8 +15,8 @@ import pytest
 from typer.testing import CliRunner
 
 from emulator.cli import app
-from emulator.control.remote import RemoteControl
 from urproto.compat import module_command
+from urproto.controlapi import RemoteControl
 
 DEADLINE_S = 30  # under load by other tests
 

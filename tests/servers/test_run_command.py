@@ -1,4 +1,4 @@
-"""``urscript run``: whole files on an emulated arm, through the entry points that pyproject.toml declares."""
+"""``urscript run``: whole files on an emulated arm."""
 
 import io
 import json
@@ -11,27 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from emulator import script_cli as cli
 from emulator.script_peers import PeersError, read_peers
-from urproto.compat import load_toml
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
-from urscript import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 Go = Callable[..., tuple[int, str]]
-
-
-@pytest.fixture(autouse=True)
-def _installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The metadata of an installation of this source tree."""
-    project = load_toml((ROOT / "pyproject.toml").read_text())["project"]
-    folder = tmp_path_factory.mktemp("site") / f"ur_emulator-{project['version']}.dist-info"
-    folder.mkdir()
-    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    groups = project["entry-points"].items()
-    lines = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in entries.items()) for group, entries in groups]
-    (folder / "entry_points.txt").write_text("\n".join(lines))
-    monkeypatch.syspath_prepend(folder.parent)
 
 
 @pytest.fixture
@@ -304,14 +290,6 @@ def test_invalid_numbers(options: list[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.main(["run", "a.script", *options])
     assert ended.value.code == 2
-
-
-def test_without_the_emulator_the_error_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(cli, "entry_points", lambda group: [])
-    assert cli.main(["run", "a.script"]) == 2
-    assert "install ur-emulator" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.script")), ids=lambda path: path.name)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from urscript import Runtime, compile_script, operators, runtime
+from urscript import Runtime, compile_script, operators
 from urscript.inference import (
     ANYTHING,
     BOOL,
@@ -288,14 +288,13 @@ LOOP = "k = 0\nwhile k < 50:\na[k] = k\nk = k + 1\nend\n"
     ],
 )
 def test_a_list_that_one_variable_has_is_not_copied_at_each_write(body, monkeypatch):
-    copies, copy = [], operators.copied
+    copies, copy = [], operators._copied
 
     def counting(value):
         copies.append(value)
         return copy(value)
 
-    monkeypatch.setattr(operators, "copied", counting)
-    monkeypatch.setitem(runtime._HELPERS, "_copied", counting)
+    monkeypatch.setattr(operators, "_copied", counting)
     _, values, error = run(f"def p():\n{body}\nend")
     assert error is None
     assert values["a"][1] == str(list(range(50)))
@@ -309,3 +308,42 @@ def test_what_a_host_keeps_stays_as_it_was():
     program.step()
     assert program.finished
     assert (kept, program.globals["a"]) == ([1, 2], [9, 2])
+
+
+def _program(body, start="0"):
+    square = "def square(n):\nreturn n * n\nend\ndef counted():\ntotal = total + 1\nreturn total\nend\n"
+    names = f'local i = 0\nlocal j = 3\nlocal k = {start}\nlocal s = "banana"\n'
+    names += "local a = [1, 2, 3]\nlocal b = make_list(4, 1)\nlocal c = [7, 8]\n"
+    ends = "".join(f"global end_{name} = {name}\n" for name in "ijkacs") + "global end_b = b[0] + length(b)\n"
+    function = f"def h(x):\n{names}{body}\n{ends}end\n"
+    return f"def p():\nspent = 0\ntotal = 0\n{square}{function}result = h(2)\nend"
+
+
+@pytest.mark.parametrize(
+    ("body", "result"),
+    [
+        ("while i < 6:\ni = i + 1\nif i % 2 == 0:\ncontinue\nend\nj = j + i\nend\nreturn [i, j]", "[6, 12]"),
+        ("while True:\ni = i + 1\nif i % 2 == 0:\ncontinue\nend\nif i > 6:\nbreak\nend\nend\nreturn i", "7"),
+        ("while i < 9:\nif i == 4:\nreturn [i, j]\nend\ni = i + 1\nend\nreturn 0", "[4, 3]"),
+        ("b = a\nb[0] = 9\nreturn [a[0], b[0]]", "[1, 9]"),
+        ("b = a\nwhile i < 3:\nb[i] = 0\ni = i + 1\nend\nreturn [a[0], a[2], b[0], b[2]]", "[1, 3, 0, 0]"),
+        ("c = [1, 2]\nb = c\nc[0] = 9\nreturn [b[0], c[0]]", "[1, 9]"),
+        ("kept = c\nc[1] = 9\nreturn [kept[1], c[1]]", "[8, 9]"),
+        ("while i < 3:\nc = [5, 6]\nkept = c\nc[0] = i\ni = i + 1\nend\nreturn kept[0] + c[0]", "7"),
+        ("c[0] = first(c)\nreturn [c[0], held[0]]", "[7, 7]"),
+        ("c[0] = 1 + first(c)\nreturn [c[0], held[0]]", "[8, 7]"),
+    ],
+)
+def test_what_a_loop_or_an_element_ends_up_as(body, result):
+    text = _program(body).replace("def h(", "def first(q):\nglobal held = q\nreturn q[0]\nend\ndef h(")
+    values, error_line = _both(text)
+    assert error_line is None
+    assert values["result"][1] == result
+
+
+@pytest.mark.parametrize("depth", [17, 18, 19, 20])
+def test_loops_are_nested_as_deeply_as_the_parser_allows(depth):
+    loops = "".join(f"while k < {n + 1}:\nk = k + 1\n" for n in range(depth)) + "end\n" * depth
+    values, error_line = _both(f"def p():\ndef h(k):\n{loops}return k\nend\nresult = h(0)\nend")
+    assert error_line is None
+    assert values["result"] == ("int", str(depth))

@@ -2,13 +2,14 @@
 
 import pytest
 
-from urscript import cli
+from emulator import script_cli as cli
+from urscript import LibrarySet
 from urscript.library import LIBRARIES
 
 
 @pytest.fixture(autouse=True)
 def _no_robot(monkeypatch):
-    monkeypatch.setattr(cli, "_libraries", lambda: LIBRARIES)
+    monkeypatch.setattr(cli, "libraries", lambda: LibrarySet(LIBRARIES))
 
 
 def test_check_shows_every_broken_program_of_a_file(tmp_path, capsys):

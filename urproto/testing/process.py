@@ -13,15 +13,12 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from urproto.compat import Self
+from urproto.controlapi import ControlClient, RemoteControl
 from urproto.joints import JOINT_NAMES
 from urproto.testing import launch
-from urproto.testing.launch import load
-
-if TYPE_CHECKING:
-    from emulator.control.remote import RemoteControl
 
 _FIRST: Final = 0x7F40_0000  # 127.64.0.0: away from addresses that people type
 _COUNT: Final = 2**22
@@ -209,13 +206,12 @@ class EmulatorProcess:
         return {name: text for name, text in texts.items() if text}
 
     @property
-    def control(self) -> "RemoteControl":
+    def control(self) -> RemoteControl:
         """The verbs of its control API."""
         if self._control is None:
             if "control" not in self.ports:
                 raise RuntimeError("this emulator was started without its control API")
-            remote = load("emulator.control.remote")
-            self._control = remote.RemoteControl(self.host, self.ports["control"], self._token, timeout_s=None)
+            self._control = RemoteControl(self.host, self.ports["control"], self._token, timeout_s=None)
         return self._control
 
     def __getattr__(self, name: str) -> Any:
@@ -275,9 +271,7 @@ class EmulatorProcess:
     def _log_lines(self) -> list[str]:
         if not self.running or not self._ports_file.exists() or "control" not in self.ports:
             return []
-        client = load("emulator.control.remote").ControlClient(
-            self.host, self.ports["control"], self._token, _LOG_WAIT_S
-        )
+        client = ControlClient(self.host, self.ports["control"], self._token, _LOG_WAIT_S)
         try:
             lines: list[str] = client.call("log", {"lines": _LOG_LINES})
         except OSError as error:

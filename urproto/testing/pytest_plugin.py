@@ -97,7 +97,7 @@ def ur_emulator(request: pytest.FixtureRequest, make_ur_emulator: MakeEmulator) 
 @pytest.fixture
 def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "Iterator[VirtualRobot]":
     """A robot in this process, in virtual time and without ports: the verbs of the control API as methods."""
-    from urproto.testing.virtual import virtual_robot
+    from urproto.testing import virtual_robot
 
     __tracebackhide__ = True
     robot = virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))

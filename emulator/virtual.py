@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import fields
 from inspect import signature
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from urproto.testing.launch import load
-
-if TYPE_CHECKING:
-    from emulator.control.control import VirtualRobot
+from emulator.config import controller_config
+from emulator.control.control import VirtualRobot
+from emulator.faults.catalogue import describe, parse_fault
+from emulator.machine import ControllerConfig
 
 _IRRELEVANT: Final = {
     "speed",
@@ -19,23 +19,21 @@ _IRRELEVANT: Final = {
 _RENAMED: Final = {"model", "version", "programs_dir", "gripper_object_mm"}  # fields of a configuration
 
 
-def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), **options: Any) -> "VirtualRobot":
+def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), **options: Any) -> VirtualRobot:
     """A robot with the options of ``ur-emulator``; those for ports and speed are ignored.
 
     fault: one or several, as on the command line; they use the robot's seed unless they have their own. Raises
     ValueError for an invalid value, TypeError for an unknown option, NotPossible for a fault that affects ports.
     """
-    configure = load("emulator.config").controller_config
-    known = {name for name in signature(configure).parameters if name not in ("model", "fields")}
-    known |= {field.name for field in fields(load("emulator.controller").ControllerConfig)} - _RENAMED
+    known = {name for name in signature(controller_config).parameters if name not in ("model", "fields")}
+    known |= {field.name for field in fields(ControllerConfig)} - _RENAMED
     given = {name: value for name, value in options.items() if name not in _IRRELEVANT and value is not None}
     for option in given:
         if option not in known:
             names = ", ".join(sorted(known))
             raise TypeError(f"a robot in virtual time has no option {option!r}: choose from {names}")
-    robot: VirtualRobot = load("emulator.control.control").VirtualRobot(configure(model, **given))
-    catalogue = load("emulator.faults.catalogue")
+    robot = VirtualRobot(controller_config(model, **given))
     for text in [fault] if isinstance(fault, str) else fault:
-        chosen = catalogue.parse_fault(text)
-        robot.inject_fault(chosen.kind, **{"seed": given.get("seed", 0), **catalogue.describe(chosen)})
+        chosen = parse_fault(text)
+        robot.inject_fault(chosen.kind, **{"seed": given.get("seed", 0), **describe(chosen)})
     return robot

@@ -3,18 +3,25 @@
     robot = RemoteControl("127.0.0.1")
     robot.press_emergency_stop()
 
-Each verb is a method with the arguments and results of `LiveControl`. The emulator itself is not imported.
+Each verb is a method, with the arguments and results that docs/control_verbs.md lists.
 """
 
 import http.client
 import json
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from emulator.control.verbs import BadArguments, NotPossible
 from urproto.ports import CONTROL_API_PORT
 
 _BAD_ARGUMENTS, _CONFLICT, _NOT_FOUND = 400, 409, 404
+
+
+class BadArguments(ValueError):  # noqa: N818 - named for what is the case
+    """The arguments do not fit the verb, whatever state the robot is in."""
+
+
+class NotPossible(Exception):  # noqa: N818 - named for what is the case
+    """The robot cannot do that in the state it is in."""
 
 
 class NoControlError(ConnectionError):
@@ -72,39 +79,25 @@ def _error(status: int, text: str) -> Exception:
     return kinds.get(status, NoControlError)(text)
 
 
-if TYPE_CHECKING:
-    from emulator.control.control import LiveControl
+class RemoteControl:
+    """The verbs of an emulator as methods. Arguments as for ControlClient."""
 
-    class RemoteControl(LiveControl):
-        """What a type checker sees: the verbs themselves."""
+    def __init__(self, *place: Any, **options: Any) -> None:
+        self._client = ControlClient(*place, **options)
+        self._arguments = {verb["name"]: [a["name"] for a in verb["arguments"]] for verb in self._client.verbs()}
 
-        def __init__(
-            self, host: str = "127.0.0.1", port: int = CONTROL_API_PORT, token: str = "", timeout_s: float | None = 60.0
-        ) -> None: ...
+    def close(self) -> None:
+        """Close the connection."""
+        self._client.close()
 
-        def close(self) -> None: ...
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("_") or name not in self._arguments:
+            raise AttributeError(f"the control API has no verb {name!r}")
 
-else:
+        def call(*values: Any, **named: Any) -> Any:
+            if len(values) > len(self._arguments[name]):
+                raise BadArguments(f"{name} takes {len(self._arguments[name])} arguments, not {len(values)}")
+            given = dict(zip(self._arguments[name], values, strict=False))
+            return self._client.call(name, given | named)
 
-    class RemoteControl:
-        """The verbs of an emulator as methods. Arguments as for ControlClient."""
-
-        def __init__(self, *place: Any, **options: Any) -> None:
-            self._client = ControlClient(*place, **options)
-            self._arguments = {verb["name"]: [a["name"] for a in verb["arguments"]] for verb in self._client.verbs()}
-
-        def close(self) -> None:
-            """Close the connection."""
-            self._client.close()
-
-        def __getattr__(self, name: str) -> Callable[..., Any]:
-            if name.startswith("_") or name not in self._arguments:
-                raise AttributeError(f"the control API has no verb {name!r}")
-
-            def call(*values: Any, **named: Any) -> Any:
-                if len(values) > len(self._arguments[name]):
-                    raise BadArguments(f"{name} takes {len(self._arguments[name])} arguments, not {len(values)}")
-                given = dict(zip(self._arguments[name], values, strict=False))
-                return self._client.call(name, given | named)
-
-            return call
+        return call
