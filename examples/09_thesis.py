@@ -27,19 +27,19 @@ def to(point: JointTrajectoryPoint) -> JointTrajectory:
 
 
 async def drive(goals: list[JointTrajectoryPoint], slider: float, file: Path | None = None, stop: bool = False) -> None:
-    async with RobotControl(HOST, make_ready=True, record=file) as robot:
-        await robot.robot.set_speed_slider(slider)
-        robot.activate(CONTROLLER)
+    async with RobotControl(HOST, make_ready=True, record=file) as control:
+        await control.robot.set_speed_slider(slider)
+        control.activate(CONTROLLER)
         for point in goals:
-            goal = robot.manager.controller(CONTROLLER).send_goal(to(point))
+            goal = control.manager.controller(CONTROLLER).send_goal(to(point))
             if stop:
-                await robot.robot.wait_for(lambda _: robot.manager.controller(CONTROLLER).progress > 0.5)
-                await robot.driver.link.send_script("sec stop():\n  protective_stop()\nend")
-                await robot.robot.wait_for(lambda _: robot.driver.protective_stopped)
-                await robot.robot.recover()  # after 5 s, and for those who know why the arm stopped
-            result = await robot.result(goal)
+                await control.robot.wait_for(lambda _: control.manager.controller(CONTROLLER).progress > 0.5)
+                await control.driver.link.send_script("sec stop():\n  protective_stop()\nend")
+                await control.robot.wait_for(lambda _: control.driver.protective_stopped)
+                await control.robot.recover()  # after 5 s, and for those who know why the arm stopped
+            result = await control.result(goal)
             assert result.error_code is ErrorCode.SUCCESSFUL, result
-            await robot.rest()
+            await control.rest()
 
 
 def show(file: Path) -> None:
