@@ -49,7 +49,7 @@
     const values = {
       model: `${robot.model}, ${robot.host}`,
       mode: !known ? "does not answer" : robot.safety === "NORMAL" ? robot.mode : `${robot.mode}, ${robot.safety}`,
-      program: known ? `${robot.runtime}: ${robot.program}` : "–",
+      program: known ? [robot.runtime, robot.program].filter(Boolean).join(": ") : "–",
       clients: (robot.clients || []).join("\n") || "nobody",
     };
     for (const [name, value] of Object.entries(values)) {
