@@ -1,18 +1,20 @@
-"""Takes the pictures of docs/pendant.md: an emulator, its pendant, and a browser that looks at every screen.
+"""Takes the pictures of docs/pendant.md and docs/teaching.md: a browser looks at every screen, and at a class page.
 
 python docs/screenshots.py        # wants Chromium, and the extras pendant and test
 """
 
 import shutil
+import socket
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from ipaddress import ip_address
 from pathlib import Path
 from subprocess import PIPE, Popen
 from typing import Any
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile, SavedDraft
@@ -24,6 +26,7 @@ SIZE = {"width": 1280, "height": 800}
 FLAGS = ["--no-sandbox", "--disable-background-networking", "--use-gl=angle", "--use-angle=swiftshader"]
 DARK = ("graph", "simulation")
 SETTLE_MS = 2500
+CLASS_HOST = "127.0.0.31"
 START = (0.6, -1.3, 1.4, -1.7, -1.57, 0.3)
 TABLE = {"box": [0.8, 0.5, 0.04], "pose": [0.0, -0.55, -0.02, 0.0, 0.0, 0.0]}
 POST = {"box": [0.08, 0.08, 0.6], "pose": [-0.24, -0.62, 0.3, 0.0, 0.0, 0.6]}
@@ -78,6 +81,7 @@ def main() -> None:
                 look("move", "plan", plan)
                 with _manager(robot):
                     look("controllers", act=lambda page: page.get_by_test_id("sliders-enable").click())
+                class_page(browser)
                 browser.close()
 
 
@@ -130,6 +134,30 @@ def _look(page: Page, url: str, screen: str, name: str, act: Callable[[Page], ob
     page.screenshot(path=target)
     sys.stdout.write(f"{target}: {target.stat().st_size // 1000} kB\n")
     page.close()
+
+
+def class_page(browser: Browser) -> None:
+    """The page of a class of six, as its teacher sees it; two arms move."""
+    words = ["--model", "ur3", "--count", "6", "--first-host", CLASS_HOST, "--running", "--class-port", "6070"]
+    command = [sys.executable, "-u", "-m", "emulator", "fleet", *words, "--teacher-password", "t"]
+    with Popen(command, stdout=PIPE, text=True) as fleet:
+        assert fleet.stdout is not None
+        while not fleet.stdout.readline().startswith("Ready"):
+            pass
+        for number in (2, 5):
+            with socket.create_connection((str(ip_address(CLASS_HOST) + number), 30001)) as robot:
+                robot.sendall(PROGRAM.encode())
+        page = browser.new_page(viewport=SIZE)
+        page.goto(f"http://{CLASS_HOST}:6070")
+        page.get_by_label("Password").fill("t")
+        page.get_by_role("button", name="Enter").click()
+        for number, name in enumerate(("Ada", "Bo", "Chen"), 1):
+            page.get_by_test_id(f"robot-{number}").get_by_label("Name").fill(name)
+            page.keyboard.press("Enter")
+        page.wait_for_timeout(SETTLE_MS)
+        page.screenshot(path=IMAGES / "class_page.png")
+        page.close()
+        fleet.terminate()
 
 
 @contextmanager

@@ -26,6 +26,7 @@ _PENDANT_TIMEOUT_S: Final = 60.0  # guess: twenty that start together share the 
 _REST_TIMEOUT_S: Final = 10.0  # guess: a program brakes the arm within a second
 _RETRY_S: Final = 0.1
 _FIELDS: Final = ("robot_mode", "safety_mode", "runtime_state", "actual_q")
+_NO_PROGRAM: Final = ("null", "<unnamed>")
 _FAILURES: Final = ("VIOLATION", "FAULT")
 _AZIMUTH_RAD, _ELEVATION_RAD = 0.6, 0.35  # of the direction in which the picture shows the arm
 _SCALE: Final = 80.0  # units of the picture in one reach
@@ -66,7 +67,7 @@ class ClassRobot:
             self.state = {
                 "mode": state["robot_mode"],
                 "safety": state["safety_mode"],
-                "program": call("dashboard", {"line": "programState"}).partition(" ")[2],
+                "program": _named(call("dashboard", {"line": "programState"}).partition(" ")[2]),
                 "runtime": state["runtime_state"],
                 "arm": self._draw(state["actual_q"]),
                 "clients": self._clients(call("connections", {})),
@@ -151,6 +152,11 @@ class ClassRobot:
         finally:
             pendant.close()
         return found
+
+
+def _named(program: str) -> str:
+    """The name of the loaded program, "" without one."""
+    return "" if program in _NO_PROGRAM else program
 
 
 def picture_of(model: RobotModel) -> Callable[[Sequence[float]], list[list[int]]]:

@@ -6,6 +6,11 @@
   let teacher = false;
   let count = 0;
 
+  // Setting what is already there would let the browser draw everything again.
+  function set(element, name, value) {
+    if (element.getAttribute(name) !== String(value)) element.setAttribute(name, value);
+  }
+
   async function request(path, content) {
     const options = content && {
       method: "POST", body: JSON.stringify(content), headers: { "Content-Type": "application/json" },
@@ -44,7 +49,7 @@
     const values = {
       model: `${robot.model}, ${robot.host}`,
       mode: !known ? "does not answer" : robot.safety === "NORMAL" ? robot.mode : `${robot.mode}, ${robot.safety}`,
-      program: known ? `${robot.runtime}: ${robot.program}` : "–",
+      program: known ? [robot.runtime, robot.program].filter(Boolean).join(": ") : "–",
       clients: (robot.clients || []).join("\n") || "nobody",
     };
     for (const [name, value] of Object.entries(values)) {
@@ -54,18 +59,18 @@
     }
     item.dataset.name = robot.name;
     item.dataset.mode = known ? robot.mode : "unknown";
-    item.querySelector("h2").textContent = robot.name;
-    item.querySelector("h2").hidden = teacher;
+    const title = item.querySelector("h2");
+    if (title.textContent !== robot.name) title.textContent = robot.name;
+    title.hidden = teacher;
     item.querySelector("label").hidden = item.querySelector("div").hidden = !teacher;
-    item.querySelector("a").setAttribute("aria-label", `Open the pendant of ${robot.name}`);
-    item.querySelector("svg").setAttribute("aria-label", `The arm of ${robot.name}`);
-    for (const button of item.querySelectorAll("button"))
-      button.setAttribute("aria-label", `${button.textContent} ${robot.name}`);
+    set(item.querySelector("a"), "aria-label", `Open the pendant of ${robot.name}`);
+    set(item.querySelector("svg"), "aria-label", `The arm of ${robot.name}`);
+    for (const button of item.querySelectorAll("button")) set(button, "aria-label", `${button.textContent} ${robot.name}`);
     const input = item.querySelector("input");
-    if (document.activeElement !== input) input.value = robot.name;
+    if (document.activeElement !== input && input.value !== robot.name) input.value = robot.name;
     const lines = item.querySelectorAll("line");
     (robot.arm || []).forEach(([x1, y1, x2, y2, width], i) => {
-      for (const [name, value] of Object.entries({ x1, y1, x2, y2, "stroke-width": width })) lines[i].setAttribute(name, value);
+      for (const [name, value] of Object.entries({ x1, y1, x2, y2, "stroke-width": width })) set(lines[i], name, value);
     });
   }
 
