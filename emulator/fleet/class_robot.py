@@ -11,11 +11,10 @@ from math import cos, sin
 from typing import Any, Final
 
 from emulator.config import EmulatorConfig
-from emulator.control.remote import ControlClient, NoControlError
-from emulator.control.verbs import NotPossible
 from emulator.serve import Pendant
 from urproto.backdoors import LOOPBACK_OF
 from urproto.compat_asyncio import timeout
+from urproto.controlapi import ControlClient, NoControlError, NotPossible
 from urproto.ports import PENDANT_PORT
 from urproto.robots import RobotModel
 from urproto.robots.shapes import ArmCapsules

@@ -22,8 +22,6 @@ from typing import Any, Final, cast
 import msgspec
 
 from emulator.config import ConfigError, EmulatorConfig
-from emulator.control.remote import NoControlError
-from emulator.control.verbs import BadArguments, NotPossible
 from emulator.fleet.class_robot import ClassRobot
 from emulator.fleet.supervisor import join_or_kill
 from emulator.servers.connection import Connection
@@ -48,6 +46,7 @@ from emulator.servers.http import (
 from emulator.servers.port import PortServer, ServedController
 from urproto.backdoors import BackdoorMark
 from urproto.compat import Self
+from urproto.controlapi import BadArguments, NoControlError, NotPossible
 from urproto.text import to_bytes
 
 _SEE_OTHER: Final = 303

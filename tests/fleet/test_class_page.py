@@ -13,10 +13,10 @@ import pytest
 from fleet_rig import DEADLINE_S, dashboard, host, running, wait_for_end
 
 from emulator.config import ConfigError, EmulatorConfig
-from emulator.control.remote import RemoteControl
 from emulator.fleet.class_robot import picture_of
 from emulator.fleet.class_server import check_class, class_passwords
 from emulator.machine import ControllerConfig
+from urproto.controlapi import RemoteControl
 from urproto.robots import load_model
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has many loopback addresses")
