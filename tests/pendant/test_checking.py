@@ -8,9 +8,9 @@ import pytest
 from client.pendant.checking import check, check_forever
 from client.pendant.draft import Draft
 from client.programs import CheckerError, ScriptProblem, read_problems
+from emulator import script_cli as cli
 from urproto.compat_asyncio import timeout
 from urproto.versions import PolyscopeVersion
-from urscript import cli
 from urscript.files import ScriptFile
 
 VERSION = PolyscopeVersion.parse("5.11")
@@ -19,7 +19,7 @@ WRONG = "def go():\n  movJ([0, 0, 0, 0, 0, 0])\n  sync(\nend\n"
 
 async def test_check_returns_messages_of_checker(tmp_path: Path) -> None:
     """The same messages at the same positions."""
-    expected = ScriptFile("-", WRONG.encode()).problems(cli.LibrarySet(cli._libraries()), VERSION)
+    expected = ScriptFile("-", WRONG.encode()).problems(cli.libraries(), VERSION)
     found = await check(WRONG, VERSION)
     assert found
     assert [(problem.line, problem.column, problem.text) for problem in found] == [
