@@ -12,11 +12,12 @@ from importlib.metadata import version as distribution_version
 from pathlib import Path
 from typing import Final, NoReturn
 
+from emulator.options import help_of
 from emulator.robot.kinds import ArmKind
 from emulator.services.sockets import ScriptNetwork
 from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
 from urproto.robots import RobotModel, choose_version, default_model, load_model
-from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
@@ -52,11 +53,8 @@ def libraries() -> LibrarySet:
 
 def _add_controller_options(parser: ArgumentParser) -> None:
     """Add ``--model`` and ``--polyscope``, the same for every command and with the emulator's defaults."""
-    usual = DEFAULT_VERSION[Series.CB3]
-    parser.add_argument(
-        "--model", help="the arm, for example ur3 or ur5e (default ur3, ur3e for an e-Series PolyScope version)"
-    )
-    parser.add_argument("--polyscope", help=f"PolyScope version (default: that of the arm's series, {usual} for ur3)")
+    parser.add_argument("--model", help=help_of("model"))
+    parser.add_argument("--polyscope", help=help_of("polyscope"))
 
 
 def _chosen_controller(options: Namespace) -> tuple[RobotModel, PolyscopeVersion]:
@@ -147,16 +145,14 @@ def _run_arguments(parser: ArgumentParser) -> None:
         "--script-network",
         choices=list(ScriptNetwork),
         default=ScriptNetwork.ANY,
-        help="addresses that sockets and XML-RPC of the script may connect to (default any, which excludes emulators' "
-        "control APIs)",
+        help=help_of("script_network"),
     )
-    parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file with objects around the arm")
+    parser.add_argument("--world", type=Path, metavar="WORLD", help=help_of("world"))
     parser.add_argument(
         "--arm",
         metavar="ideal|dynamic|FILE",
         default=ArmKind.IDEAL,
-        help="ideal (the default): follows its targets exactly; dynamic: moved by torques, with friction; FILE: "
-        "dynamic, with the parameters that ur-client identify found in a recording",
+        help=help_of("arm"),
     )
     parser.add_argument(
         "--seed",
@@ -169,7 +165,7 @@ def _run_arguments(parser: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KIND,NAME=VALUE,...",
-        help="fault to inject (docs/faults.md); repeatable",
+        help=help_of("fault"),
     )
     parser.add_argument(
         "--speed-slider", type=_fraction, default=1.0, metavar="0..1", help="position of the speed slider (default 1)"

@@ -2,20 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
-from inspect import signature
 from typing import Any, Final
 
 from emulator.config import controller_config
 from emulator.control.control import VirtualRobot
 from emulator.faults.catalogue import describe, parse_fault
 from emulator.machine import ControllerConfig
+from emulator.options import CONTROLLER_OPTIONS, ROBOT_OPTIONS
 
-_IRRELEVANT: Final = {
-    "speed",
-    "control_token",
-    "log_level",
-    "ephemeral_ports",
-}  # irrelevant without ports and real time
+_IRRELEVANT: Final = {*ROBOT_OPTIONS, "log_level"} - {*CONTROLLER_OPTIONS}  # without ports and real time
 _RENAMED: Final = {"model", "version", "programs_dir", "gripper_object_mm"}  # fields of a configuration
 
 
@@ -25,7 +20,7 @@ def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), 
     fault: one or several, as on the command line; they use the robot's seed unless they have their own. Raises
     ValueError for an invalid value, TypeError for an unknown option, NotPossible for a fault that affects ports.
     """
-    known = {name for name in signature(controller_config).parameters if name not in ("model", "fields")}
+    known = {*CONTROLLER_OPTIONS} - {"model"}
     known |= {field.name for field in fields(ControllerConfig)} - _RENAMED
     given = {name: value for name, value in options.items() if name not in _IRRELEVANT and value is not None}
     for option in given:

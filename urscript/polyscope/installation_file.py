@@ -64,11 +64,6 @@ class ModbusSignal:
     frequency: int
 
 
-def read_modbus(root: Element) -> tuple[ModbusSignal, ...]:
-    """All Modbus signals. Files have two forms: values as attributes, or as elements."""
-    return run_to_end(_modbus_steps(root))
-
-
 def _modbus_steps(root: Element) -> Steps[tuple[ModbusSignal, ...]]:
     signals = list[ModbusSignal]()
     for place, unit in enumerate(root.walk()):
