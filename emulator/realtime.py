@@ -94,6 +94,8 @@ def _take_priority() -> bool:
 
 
 def _is_real_time(thread: int) -> bool:
+    if sys.platform != "linux":
+        return False
     return os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
 
 

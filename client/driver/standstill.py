@@ -1,5 +1,6 @@
 """Notices when this process stood still: it was stopped, got no share of the CPU, or its machine was asleep."""
 
+import sys
 import threading
 import time
 from typing import Final
@@ -41,4 +42,6 @@ class Standstill:
 
 
 def _now_s() -> float:
-    return time.monotonic() if _CLOCK is None else time.clock_gettime(_CLOCK)
+    if sys.platform == "win32" or _CLOCK is None:
+        return time.monotonic()
+    return time.clock_gettime(_CLOCK)

@@ -5,6 +5,7 @@ controller begin again at 0.
 """
 
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,6 +120,8 @@ def _label(name: str, value: str) -> str:
 
 def resident_bytes() -> int | None:
     """Resident memory of this process [bytes]; None where the system does not tell."""
+    if sys.platform == "win32":
+        return None
     try:
         return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, AttributeError):

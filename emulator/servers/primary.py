@@ -231,14 +231,13 @@ class PrimaryServer(PortServer):
                 client.messages += messages
 
     def _serve(self, clients: list[_PrimaryConnection], reporter: ProgramReporter | None, snapshot: Snapshot) -> None:
-        """Send the clients the packages about the program, the state, and their messages.
-
-        The state comes first (guess): the official C++ library's tests unlock a protective stop as soon as its error
-        code has arrived, and take the robot for unlocked if the last state was from before it.
-        """
+        """Send the clients their messages, the packages about the program, and the state."""
         report = reporter.cycle(round(snapshot.timestamp * 1e6)) if reporter is not None else None
         program = (report.state,) if report is not None else ()
         for client in clients:
+            if client.messages:
+                messages, client.messages = client.messages, []
+                client.send(b"".join(messages))
             if report is not None and report.names and (report.new or client.without_state):
                 client.send(report.names)
             if client.without_state:
@@ -248,6 +247,3 @@ class PrimaryServer(PortServer):
                     client.send(package)
             else:
                 self.send_scheduler.send(snapshot.step, client, *program, self._encode_state(snapshot, False))
-            if client.messages:
-                messages, client.messages = client.messages, []
-                client.send(b"".join(messages))

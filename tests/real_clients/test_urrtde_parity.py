@@ -48,10 +48,10 @@ def exists(path: str) -> bool:
     if path.startswith("robot."):
         whole: object = Robot("127.0.0.1")
         for part in path.split(".")[1:]:
-            kind = whole if isinstance(whole, type) else type(whole)
-            if not hasattr(kind, part) and part not in vars(whole):
+            if not hasattr(type(whole), part) and part not in vars(whole):
                 return False
-            whole = getattr(kind, part) if hasattr(kind, part) else getattr(whole, part)
+            found_in_class = getattr(type(whole), part, None)
+            whole = found_in_class if isinstance(found_in_class, property) else getattr(whole, part)
         return True
     module, *names = path.split(".")
     found: object = importlib.import_module(module)
