@@ -203,12 +203,7 @@ class HttpConnection(Connection):
     def _continue(self) -> None:
         """Serve what else was received, after others had their turn."""
         if self._next is None and self.has_work and self.is_open:
-            try:
-                loop = asyncio.get_running_loop()
-            except RuntimeError:  # no loop: a fuzzer's connection, which has nobody to take turns with
-                self._serve_next()
-                return
-            self._next = loop.call_soon(self._serve_next)
+            self._next = asyncio.get_running_loop().call_soon(self._serve_next)
 
     def _serve_next(self) -> None:
         self._next = None

@@ -1,5 +1,6 @@
 """Requests to the control API of a running robot."""
 
+import asyncio
 import json
 from collections.abc import Iterator
 from functools import cache
@@ -36,11 +37,16 @@ def _robot() -> Emulator:
 
 @target(_requests)
 def control_api(data: bytes) -> None:
+    asyncio.run(_control_api(data))
+
+
+async def _control_api(data: bytes) -> None:
     emulator = _robot()
     client = MemoryClient(emulator.servers["control"])
     client.feed(data)
     for _ in range(3):
         emulator.controller.tick()
+        await asyncio.sleep(0)  # pipelined requests take turns
     client.end()
     client.vanish()
     answer = client.take()
