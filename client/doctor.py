@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from itertools import count, pairwise
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -29,7 +29,7 @@ from client.driver.script_sender import SENDER_PORT
 from client.errors import FileError
 from urproto.compat import StrEnum
 from urproto.dashboard import GREETING, LineDecoder, encode_line, is_not_understood
-from urproto.errors import RobotRefused, URError
+from urproto.errors import RemoteProtocolError, RobotRefused, URError
 from urproto.robots import Calibration, CalibrationError
 from urproto.rtde.fields import MAX_TIMESTAMP_S
 from urproto.rtde.types import IN_USE
@@ -58,6 +58,7 @@ _MODE_ANSWER: Final = "Robotmode: "
 _QUERIES: Final = (_MODE, "programState", "running", "get loaded program")  # every version has them
 _SLOW_CONNECT_S: Final = 0.005  # guess: a cable through a switch takes less than 1 ms
 _LATE: Final = 1.0  # periods; a servo setpoint for this state comes one period late
+_PROXY: Final = "check the address; connect to the controller directly, without a proxy that changes its text"
 _WIFI: Final = "use a direct cable to this machine's network card, without other traffic"
 
 
@@ -253,18 +254,24 @@ def examine_replies(host: str, port_offset: int = 0) -> Iterator[Finding]:
             greeting = board.next()
             answers = {query: board.ask(query) for query in _QUERIES}
             times = [_measure_reply(board) for _ in range(_REPLIES)]
-    except OSError as error:
-        yield Finding(Grade.UNKNOWN, "round trip", f"the dashboard does not answer: {error.strerror or error}")
+    except (OSError, RemoteProtocolError) as error:
+        reason = getattr(error, "strerror", None) or error
+        yield Finding(Grade.UNKNOWN, "round trip", f"the dashboard does not answer: {reason}")
         return
     if greeting != GREETING:
         text = f"its greeting is {quoted(greeting)}, not {GREETING!r}: clients refuse it"
-        yield Finding(Grade.BROKEN, subject, text, "another service uses the port, or something between translates it")
+        yield Finding(
+            Grade.BROKEN,
+            subject,
+            text,
+            _PROXY,
+        )
     if unknown := [query for query, answer in answers.items() if is_not_understood(answer)]:
         text = f"it does not understand {', '.join(unknown)}"
         yield Finding(Grade.BROKEN, subject, text, "clients need these commands: update the controller's software")
     elif not answers[_MODE].startswith(_MODE_ANSWER):
         text = f"it answers {quoted(answers[_MODE])} to {_MODE}: clients expect {_MODE_ANSWER!r}"
-        yield Finding(Grade.BROKEN, subject, text, "set the controller's language for remote clients to English")
+        yield Finding(Grade.BROKEN, subject, text, _PROXY)
     if board.pieces > 1:
         text = f"a line arrives in up to {board.pieces} pieces: a client that reads once sees a part of it"
         yield Finding(Grade.WEAK, subject, text, _WIFI)
@@ -285,14 +292,14 @@ class _Lines:
         return self.next()
 
     def next(self) -> str:
-        """The next line. Raises OSError."""
-        for piece in count(1):
+        """The next line. Raises OSError, RemoteProtocolError."""
+        pieces, lines = 0, list[str]()
+        while not lines:
             if not (data := self._line.recv(_READ_BYTES)):
                 raise ConnectionResetError(errno.ECONNRESET, "it closed the connection")
-            if lines := self._decoder.feed(data):
-                self.pieces = max(self.pieces, piece)
-                return lines[0]
-        raise AssertionError  # the count has no end
+            pieces, lines = pieces + 1, self._decoder.feed(data)
+        self.pieces = max(self.pieces, pieces)
+        return lines[0]
 
 
 def _measure_reply(board: _Lines) -> float:

@@ -143,6 +143,7 @@ class _RtdeExchange:
         self._decoder = RTDEDecoder()
         self._packages: deque[Package] = deque()
         self.texts: list[bytes] = []
+        self.receives_data = False
 
     async def request(self, request: Request, protocol: int = _PROTOCOL) -> Reply:
         self._stream.send(request.encode(protocol))
@@ -178,10 +179,10 @@ async def _rtde(stream: _Stream) -> str:
 async def _rtde_stream(stream: _Stream, seconds: float) -> str:
     """Receive data for a while, and see whether another client holds the inputs of drivers."""
     rtde = _RtdeExchange(stream)
-    text = await _receive(rtde)
+    await _receive(rtde)
     loop = asyncio.get_running_loop()
     longest_s, last_s, end_s = 0.0, loop.time(), loop.time() + seconds
-    while last_s < end_s and "sends data" in text.split(", "):
+    while rtde.receives_data and last_s < end_s:
         await rtde.next()
         before_s, last_s = last_s, loop.time()
         longest_s = max(longest_s, last_s - before_s)
@@ -211,6 +212,7 @@ async def _receive(rtde: _RtdeExchange) -> str:
         raise NotReady("the recipe could not be started")
     if not isinstance(data := await rtde.next(), OutputData):
         raise NotReady(f"expected data, received {type(data).__name__}")
+    rtde.receives_data = True
     return f"{name}, sends data"
 
 

@@ -110,7 +110,7 @@ def send_command(
                 client.run(client.core.finish(run), float("inf"))
             except KeyboardInterrupt:
                 where = f"--robot-ip {robot_ip}" + (f" --port-offset {port_offset}" if port_offset else "")
-                typer.echo(f"\n{run.script.name} goes on without this command; to stop it: {_STOP} {where}", err=True)
+                typer.echo(f"\n{run.script.name} continues on the robot; to stop it: {_STOP} {where}", err=True)
                 raise
             typer.echo(f"{run.script.name} has ended")
 

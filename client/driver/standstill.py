@@ -5,9 +5,7 @@ import threading
 import time
 from typing import Final
 
-_SHORTEST_S: Final = (
-    0.2  # guess: the shortest pause that can have consequences: as long as a robot waits for a setpoint
-)
+_SHORTEST_S: Final = 0.2  # guess: a shorter pause has no consequences, as a robot waits this long for a setpoint
 _REMEMBERED_S: Final = 10.0  # guess: the consequences are reported within this
 _CLOCK: Final = getattr(time, "CLOCK_BOOTTIME", None)  # also runs while the machine is asleep
 
