@@ -137,7 +137,12 @@ def greeting(situation: Situation) -> bytes:
 
 
 class _PrimaryConnection(ScriptConnection):
-    """A client, what it gets with its next state, and the slot from which it gets states."""
+    """A client, what it gets behind its next state, and the slot from which it gets states.
+
+    The order is state, messages, values of variables. A capture shows the messages before the variables. The state before
+    them is a guess from the official C++ library: its tests unlock a protective stop when the error code arrives, and
+    take the robot for unlocked if the state that they have is from before the stop.
+    """
 
     def __init__(self, server: PortServer, *, read_only: bool) -> None:
         super().__init__(server, read_only=read_only)
@@ -148,6 +153,20 @@ class _PrimaryConnection(ScriptConnection):
     def opened(self) -> None:
         assert isinstance(self.server, PrimaryServer)
         self.server.greet(self)
+
+    def send_state(self, data: bytes) -> None:
+        super().send_state(data)
+        self.send_messages()
+
+    def skip_state(self) -> None:
+        super().skip_state()
+        self.send_messages()  # they are not superseded by later ones
+
+    def send_messages(self) -> None:
+        """Send what has come up since the last state."""
+        if self.messages:
+            messages, self.messages = self.messages, []
+            self.send(b"".join(messages))
 
 
 class _Phase:
@@ -231,19 +250,18 @@ class PrimaryServer(PortServer):
                 client.messages += messages
 
     def _serve(self, clients: list[_PrimaryConnection], reporter: ProgramReporter | None, snapshot: Snapshot) -> None:
-        """Send the clients their messages, the packages about the program, and the state."""
+        """Send the clients the state, their messages, and the packages about the program."""
         report = reporter.cycle(round(snapshot.timestamp * 1e6)) if reporter is not None else None
         program = (report.state,) if report is not None else ()
         for client in clients:
-            if client.messages:
-                messages, client.messages = client.messages, []
-                client.send(b"".join(messages))
             if report is not None and report.names and (report.new or client.without_state):
-                client.send(report.names)
+                client.messages.append(report.names)
             if client.without_state:
                 client.without_state = False
                 self.send_scheduler.remove(client)
-                for package in (*program, self._encode_state(snapshot, True)):
+                client.send(self._encode_state(snapshot, True))
+                client.send_messages()
+                for package in program:
                     client.send(package)
             else:
-                self.send_scheduler.send(snapshot.step, client, *program, self._encode_state(snapshot, False))
+                self.send_scheduler.send(snapshot.step, client, self._encode_state(snapshot, False), *program)

@@ -283,7 +283,7 @@ def test_states_follow_the_connection_by_tenths_of_a_second(version: PolyscopeVe
         controller.tick(pause % 7)
 
 
-def test_messages_come_before_the_state_of_their_period(controller: FakeController) -> None:
+def test_messages_follow_the_state_of_their_period(controller: FakeController) -> None:
     server = primary_server(controller)
     client = MemoryClient(server)
     received(client)  # the version
@@ -296,8 +296,8 @@ def test_messages_come_before_the_state_of_their_period(controller: FakeControll
             break
     count = len(got) // 2
     assert count in (12, 13)
-    assert got[:-1] == [message for message in sent[:count] for _ in range(2)]
-    assert isinstance(got[-1], RobotStateData)
+    assert isinstance(got[0], RobotStateData)
+    assert got[1:] == [message for message in sent[:count] for _ in range(2)]
 
 
 def test_a_new_client_gets_the_messages_since_it_connected(controller: FakeController) -> None:
@@ -321,8 +321,8 @@ def test_a_new_safety_mode_comes_with_a_state_that_shows_it(controller: FakeCont
     controller.tick(messages=(stop,), safety_mode=SafetyMode.PROTECTIVE_STOP)
     while not (got := received(client)):
         controller.tick(safety_mode=SafetyMode.PROTECTIVE_STOP)
-    assert [type(message) for message in got] == [SafetyModeMessage, RobotStateData]
-    assert got[1].masterboard.safety_mode == SafetyMode.PROTECTIVE_STOP
+    assert [type(message) for message in got] == [RobotStateData, SafetyModeMessage]
+    assert got[0].masterboard.safety_mode == SafetyMode.PROTECTIVE_STOP
 
 
 def test_secondary_clients_get_no_messages(controller: FakeController) -> None:
