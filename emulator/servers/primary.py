@@ -139,9 +139,9 @@ def greeting(situation: Situation) -> bytes:
 class _PrimaryConnection(ScriptConnection):
     """A client, what it gets behind its next state, and the slot from which it gets states.
 
-    The order is state, messages, values of variables. A capture shows the messages before the variables. The state before
-    them is a guess from the official C++ library: its tests unlock a protective stop when the error code arrives, and
-    take the robot for unlocked if the state that they have is from before the stop.
+    The order is state, messages, values of variables. A capture shows the messages before the variables. The state
+    before them is a guess from the official C++ library: its tests unlock a protective stop when the error code
+    arrives, and take the robot for unlocked if the state that they have is from before the stop.
     """
 
     def __init__(self, server: PortServer, *, read_only: bool) -> None:
