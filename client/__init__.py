@@ -8,8 +8,9 @@ The names below are imported from their modules on first use. Programs that need
 """
 
 from collections.abc import Mapping
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
+
+from urproto.lazy import exports
 
 if TYPE_CHECKING:
     from client.calibration import read_calibration, write_calibration
@@ -118,15 +119,4 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "client.tool_communication": ("ToolCommunication",),
     "urproto.errors": ("URError",),
 }
-_HOME: Final = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(_HOME[name]), name)
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = exports(globals(), _MODULES)

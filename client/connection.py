@@ -26,6 +26,7 @@ from types import TracebackType
 from typing import Any, Concatenate, Final, Generic, Literal, ParamSpec, TypeVar, overload
 
 from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError
+from client.quantities import checked, checked_call
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 
@@ -118,6 +119,7 @@ class _Progress(Generic[Result]):
             self.result.append(end.value)
 
 
+@checked
 class Connection:
     """Address and opening flow of a TCP connection; base of the two wrappers below."""
 
@@ -380,7 +382,7 @@ class FlowMethod(Generic[Params, Result]):
     """A decorator: a method that returns a flow becomes one that runs it, as its class does: awaited, or blocking."""
 
     def __init__(self, method: Callable[Concatenate[Any, Params], Flow[Result]]) -> None:
-        self._method = method
+        self._method = checked_call(method)
         self.__doc__ = method.__doc__
 
     @overload

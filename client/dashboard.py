@@ -59,6 +59,7 @@ from client.dashboard_commands import (
 )
 from client.dashboard_on_x import DashboardOnX
 from client.errors import ClientError, RobotUnreachableError
+from client.quantities import checked
 from urproto import dashboard as wire
 from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
@@ -175,6 +176,7 @@ class DashboardCore:
         return self._received.pop(0)
 
 
+@checked
 class DashboardClient(AsyncConnection):
     """Dashboard client for asyncio programs; use it with ``async with``, which connects and checks the greeting.
 
@@ -215,6 +217,7 @@ class DashboardClient(AsyncConnection):
         return self._core.opening()
 
 
+@checked
 class BlockingDashboardClient(BlockingConnection):
     """Blocking counterpart of `DashboardClient`, for scripts and notebooks."""
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, Final, Generic, TypeVar
 
+from client.quantities import checked_call
 from urproto import dashboard as wire
 from urproto.dashboard import COMMANDS, OperationalMode, ProgramState, UserRole
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
@@ -138,11 +139,13 @@ LOADED_PROGRAM: Operation[str | None] = _query("get loaded program", wire.parse_
 IS_PROGRAM_SAVED: Operation[tuple[bool, str | None]] = _query("isProgramSaved", wire.parse_program_saved)
 
 
+@checked_call
 def load(program: str) -> Operation[str]:
     """Load a program, given by its path in the controller's programs folder; returns its path on the controller."""
     return _query("load", wire.parse_loading, _PATH, f" {program}")
 
 
+@checked_call
 def load_installation(installation: str) -> Operation[str]:
     """Load an installation file; returns its path on the controller."""
     return _query("load installation", wire.parse_loading, _PATH, f" {installation}")
@@ -158,21 +161,25 @@ CLEAR_OPERATIONAL_MODE = _confirmed("clear operational mode")
 IS_IN_REMOTE_CONTROL: Operation[bool] = _query("is in remote control", wire.parse_boolean)
 
 
+@checked_call
 def popup(text: str) -> Operation[None]:
     """Show a popup on the teach pendant."""
     return _confirmed("popup", argument=f" {text}")
 
 
+@checked_call
 def add_to_log(text: str) -> Operation[None]:
     """Write a line to the controller's log."""
     return _confirmed("addToLog", "the text must not be empty", f" {text}")
 
 
+@checked_call
 def set_user_role(role: UserRole | str) -> Operation[None]:
     """Set the user role on the pendant (CB3). A string is sent unchanged."""
     return _confirmed("setUserRole", _ROLE, f" {role if isinstance(role, str) else role.value}")
 
 
+@checked_call
 def set_operational_mode(mode: OperationalMode | str) -> Operation[None]:
     """Take control of the operational mode (e-Series): MANUAL or AUTOMATIC. A string is sent unchanged."""
     if mode is OperationalMode.NONE:
@@ -191,12 +198,14 @@ SHUTDOWN = _confirmed("shutdown")
 QUIT = _confirmed("quit")
 
 
+@checked_call
 def generate_flight_report(kind: str = "system") -> Operation[str]:
     """Generate a flight report (controller, software or system); returns its id. Takes minutes."""
     advice = "request controller, software or system, at most once in 30 s"
     return _query("generate flight report", wire.parse_flight_report, advice, f" {kind}", _REPORT_TIMEOUT_S)
 
 
+@checked_call
 def generate_support_file(directory: str) -> Operation[str]:
     """Generate a support file (zip) in a directory below the programs folder; returns its name. Takes minutes."""
     advice = "give an existing directory below the programs folder, and check the free space on its disk"
@@ -218,11 +227,13 @@ _WITH_ARGUMENT: Final[dict[str, Callable[[str], Operation[str] | Operation[None]
 }
 
 
+@checked_call
 def command(line: str) -> Operation[str]:
     """Any command line; the answer is returned unchanged."""
     return Operation(line, str)
 
 
+@checked_call
 def checked_command(line: str) -> Operation[str]:
     """Any command line; the answer is returned unchanged, or raises RobotRefused if it does not report success."""
     known = _find_operation(line.strip())

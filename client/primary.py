@@ -17,6 +17,7 @@ from typing import Final, TypeVar
 
 from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow, TimeLimit
 from client.errors import NoAnswerError, ScriptFailedError
+from client.quantities import checked
 from client.scripts import FATAL_LEVELS, MAY_RUN, Script, ScriptResult, ScriptRun, prepare, with_end_message
 from urproto.errors import RobotRefused
 from urproto.modes import ReportLevel, RobotMode, SafetyMode, mode_name
@@ -80,6 +81,7 @@ REAL_ROBOT = TextCommand("set real", lambda state: state.real_robot_enabled, _SO
 Found = TypeVar("Found")
 
 
+@checked
 class PrimaryCore:
     """The client's side of a primary connection, without I/O.
 

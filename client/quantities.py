@@ -11,13 +11,13 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import wraps
+from functools import partial, wraps
 from types import NoneType, UnionType
 from typing import Any, Final, Literal, TypeVar, Union, cast, get_args, get_origin
 
-from urproto.errors import LocalProtocolError
+from urproto.errors import LocalProtocolError, URError
 from urproto.external_control import TrajectoryPoint
-from urproto.text import quoted
+from urproto.text import quoted, unknown
 
 Check = Callable[[Any], object]
 Checked = TypeVar("Checked")
@@ -71,10 +71,13 @@ class Quantity:
     def _all_fit(self, values: Any) -> bool:
         if len(values) != self.size or type(values) is bytes:
             return False
-        for number, low, high in zip(values, self._lows, self._highs, strict=False):  # called for every setpoint
-            if not low <= number <= high:
-                return False
-        return not self.whole or all(number == int(number) for number in values)
+        if hasattr(values, "tolist"):  # numbers of an array are slow to compare
+            values = values.tolist()
+        if self.rest is None:  # called for every setpoint; a sum notices what is not a number
+            fit = self.low <= min(values) and max(values) <= self.high and math.isfinite(sum(values))
+        else:
+            fit = all(low <= number <= high for number, low, high in zip(values, self._lows, self._highs, strict=True))
+        return fit and (not self.whole or all(number == int(number) for number in values))
 
     def describe(self) -> str:
         """What values it has, as the beginning of a sentence."""
@@ -87,17 +90,25 @@ def _six(name: str, unit: str, limit: float, rest: float | None = None) -> Quant
     return Quantity(name, unit, -limit, limit, 6, rest=None if rest is None else (-rest, rest))
 
 
+def _pose(limit_m: float) -> Quantity:
+    return _six("a pose", "m and a rotation vector in rad", limit_m, 4.0 * math.pi)
+
+
 # guess: all limits that are not those of a protocol, far beyond any arm
 _ANGLES: Final = _six("joint angles", "rad", 200.0 * math.pi)
 _SPEEDS: Final = _six("joint speeds", "rad/s", 20.0)
 _TORQUES: Final = _six("joint torques", "Nm", _SENDABLE)
-_POSE: Final = _six("a pose", "m and a rotation vector in rad", 10.0, 4.0 * math.pi)
+_POSE: Final = _pose(10.0)
 _VELOCITY: Final = _six("a velocity", "m/s and rad/s", 10.0, 20.0)
 _WRENCH: Final = _six("a wrench", "N and Nm", _SENDABLE)
 _DIRECTION: Final = _six("a direction", "", _SENDABLE)
 _AXES: Final = Quantity("axes", "(1 for each that is meant)", 0, 1, 6, whole=True)
 _SCALES: Final = Quantity("shares of the friction", "", 0.0, 1.0, 6)
 _POINT: Final = Quantity("a position", "m", -2.0, 2.0, 3)
+_PLACE: Final = Quantity("a place", "m", -100.0, 100.0, 3)
+_LENGTH: Final = Quantity("a length", "m", _POSITIVE, 100.0)
+_JUMP: Final = Quantity("a jump threshold", "", 0.0, 1e9)
+_WORD: Final = Quantity("a word", "", 0, 65535, whole=True)
 _SPEED: Final = Quantity("a speed", "rad/s or m/s", _POSITIVE, 20.0)
 _ACCELERATION: Final = Quantity("an acceleration", "rad/s2 or m/s2", _POSITIVE, _SENDABLE)
 _TIME: Final = Quantity("a time", "s", 0.0, 1e9, endless=True)
@@ -115,17 +126,22 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "acceleration": _ACCELERATION,
     "acceleration_m_s2": _ACCELERATION,
     "acceleration_rad_s2": _ACCELERATION,
+    "acceleration_scaling": Quantity("acceleration scaling", "", _POSITIVE, 1.0),
+    "address": _WORD,
     "amperes": Quantity("an analog output", "A", 0.004, 0.020),
     "arguments": _six("an argument", "", _SENDABLE),
     "axes": _AXES,
     "blend_radius_m": Quantity("a blend radius", "m", 0.0, 10.0),
+    "center": _PLACE,
     "cog_m": _POINT,
     "command_port": _PORT,
     "coulomb": _SCALES,
+    "count": Quantity("a number of values", "", 1, 2000, whole=True),
     "damping": Quantity("damping", "", 0.0, 1.0),
     "deceleration_rad_s2": _ACCELERATION,
     "direction_base": _DIRECTION,
     "duration_s": _TIME,
+    "end_rad": _ANGLES,
     "fraction": Quantity("the speed slider", "", 0.01, 1.0),
     "frame_base": _POSE,
     "frequency_hz": Quantity("states per second", "Hz", _POSITIVE, 1000.0),
@@ -133,18 +149,27 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "gain_scaling": Quantity("gain scaling", "", 0.0, 2.0),
     "gravity_m_s2": Quantity("gravity", "m/s2", -30.0, 30.0, 3),
     "hang_s": _TIME,
+    "interim": _PLACE,
     "inertia_kg_m2": _six("an inertia", "kg m2", 200.0),
+    "jerk_rad_s3": Quantity("a jerk", "rad/s3", _POSITIVE, 1e9),
+    "jump_threshold": _JUMP,
     "keep_alive_s": _PERIOD,
     "keep_alive_timeout_s": _PERIOD,
     "kind": Quantity("the kind of force mode", "", 1, 3, whole=True),
+    "length": _LENGTH,
     "limits": Quantity("the limits of force mode", "m/s or m, rad/s or rad", 0.0, 20.0, 6),
     "longest_s": _TIME,
     "lookahead_s": _LOOKAHEAD,
     "mass_kg": _MASS,
     "max_age_s": _TIME,
+    "max_step_m": Quantity("a step", "m", 1e-4, 10.0),
     "near_q_rad": _ANGLES,
     "number": _WHOLE,
     "offset_m": _POINT,
+    "orientation": Quantity("a rotation vector", "rad", -4.0 * math.pi, 4.0 * math.pi, 3),
+    "padding_m": Quantity("the padding", "m", 0.0, 0.999),
+    "port": _PORT,
+    "pose": _pose(100.0),
     "pose_base_tcp": _POSE,
     "pose_flange_tcp": _POSE,
     "pose_from": _POSE,
@@ -152,20 +177,31 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "q_rad": _ANGLES,
     "qd_rad_s": _SPEEDS,
     "qdd_rad_s2": _six("joint accelerations", "rad/s2", _SENDABLE),
+    "radius": _LENGTH,
+    "reconnect_s": _TIME,
     "reverse_port": _PORT,
+    "revolute_jump_threshold_rad": _JUMP,
+    "robot_api_port": _PORT,
+    "rotation_rad_s": _SPEED,
+    "scale": Quantity("a scale", "", _POSITIVE, 100.0),
+    "seed": Quantity("a seed", "", 0, 2**32 - 1, whole=True),
     "selection": _AXES,
     "sender_port": _PORT,
     "sensor_mass_kg": _MASS,
     "servoj_gain": _GAIN,
     "servoj_lookahead_s": _LOOKAHEAD,
     "silence_s": _PERIOD,
+    "size": Quantity("edge lengths", "m", _POSITIVE, 100.0, 3),
     "speed_m_s": _SPEED,
     "speed_rad_s": _SPEED,
+    "start_rad": _ANGLES,
     "start_timeout_s": _TIME,
     "steps": Quantity("control periods", "", 0, 2**31 - 1, whole=True),
     "task_frame_base": _POSE,
     "tcp_offset": _POSE,
+    "time_limit_s": Quantity("a time limit", "s", _POSITIVE, 1e9),
     "timeout_s": _TIME,
+    "tolerance_rad": Quantity("tolerances about x, y and z", "rad", 0.0, 4.0 * math.pi, 3),
     "tool_voltage": _VOLTS,
     "torque_Nm": _TORQUES,
     "trajectory_port": _PORT,
@@ -173,28 +209,34 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "v": _SPEED,
     "velocity": _VELOCITY,
     "velocity_base": _VELOCITY,
+    "velocity_m_s": _SPEED,
+    "velocity_scaling": Quantity("velocity scaling", "", _POSITIVE, 1.0),
     "via_base_tcp": _POSE,
     "viscous": _SCALES,
     "volts": _VOLTS,
+    "waypoints": _POSE,
+    "within_s": _TIME,
+    "word": _WORD,
+    "words": _WORD,
     "wrench": _WRENCH,
 }
 """The quantity of each numeric parameter, by its name."""
 
 
-def checked(kind: type[Checked]) -> type[Checked]:
-    """Check the arguments of all public methods of a class. They raise LocalProtocolError before anything happens."""
+def checked(kind: type[Checked], *, error: type[URError] = LocalProtocolError) -> type[Checked]:
+    """Check the arguments of the constructor and all public methods of a class, which raise ``error`` first of all."""
     for name, member in tuple(vars(kind).items()):
-        if name.startswith("_"):
+        if name.startswith("_") and name != "__init__":
             continue
-        if isinstance(member, staticmethod):
-            setattr(kind, name, staticmethod(checked_call(member.__func__)))
+        if isinstance(member, staticmethod | classmethod):
+            setattr(kind, name, type(member)(checked_call(member.__func__, error)))
         elif inspect.isfunction(member):
-            setattr(kind, name, checked_call(member))
+            setattr(kind, name, checked_call(member, error))
     kind.__checked__ = True  # type: ignore[attr-defined]
     return kind
 
 
-def checked_call(function: Function) -> Function:
+def checked_call(function: Function, error: type[URError] = LocalProtocolError) -> Function:
     """Check the arguments of a function, plain or async; see `checked`."""
     if hasattr(function, "__checked__"):
         return function
@@ -209,6 +251,12 @@ def checked_call(function: Function) -> Function:
     others = [(index, check) for index, kind, check in places if kind is _ALL_OTHERS]
 
     def check_all(args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
+        try:
+            check_each(args, kwargs)
+        except LocalProtocolError as refusal:
+            raise error(str(refusal)) from None
+
+    def check_each(args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
         given = len(args)
         for index, check in positional:
             if index < given:
@@ -239,12 +287,15 @@ def checked_call(function: Function) -> Function:
     return cast(Function, call_plain)
 
 
-def check_fields(instance: Any) -> None:
-    """Check the fields of a dataclass. Raises LocalProtocolError."""
+def check_fields(instance: Any, error: type[URError] = LocalProtocolError) -> None:
+    """Check the fields of a dataclass. Raises ``error``."""
     for one in fields(instance):
         check = check_of(inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, annotation=one.type))
         if check is not None:
-            check(getattr(instance, one.name))
+            try:
+                check(getattr(instance, one.name))
+            except LocalProtocolError as refusal:
+                raise error(str(refusal)) from None
 
 
 def check_of(parameter: inspect.Parameter) -> Check | None:
@@ -259,11 +310,10 @@ def check_of(parameter: inspect.Parameter) -> Check | None:
 
 
 def _check_of(name: str, kinds: Sequence[Any]) -> Check | None:
-    if name in QUANTITIES and kinds[0] is not str:
-        return QUANTITIES[name].check
+    if name in QUANTITIES and (kinds[0] in (int, float) or get_origin(kinds[0]) is not None):
+        return _check_each(QUANTITIES[name]) if _is_list(QUANTITIES[name], kinds[0]) else QUANTITIES[name].check
     if get_origin(kinds[0]) is Literal:
-        words = get_args(kinds[0])
-        return lambda value: _require(value in words, name, " or ".join(map(repr, words)), value)
+        return partial(_check_word, name, get_args(kinds[0]))
     if kinds == [bool]:
         return lambda value: _require(isinstance(value, int | float) and value in (0, 1), name, "true or false", value)
     if kinds in ([int], [float]):
@@ -275,6 +325,26 @@ def _check_of(name: str, kinds: Sequence[Any]) -> Check | None:
         text = " or ".join(kind.__name__ for kind in types)
         return lambda value: _require(isinstance(value, types), name, f"of type {text}", value)
     return None
+
+
+def _is_list(quantity: Quantity, kind: Any) -> bool:
+    """Whether an annotation stands for several values of a quantity."""
+    return get_origin(kind) is collections.abc.Sequence and (
+        not quantity.size or get_origin(get_args(kind)[0]) is collections.abc.Sequence
+    )
+
+
+def _check_each(quantity: Quantity) -> Check:
+    def check(values: Any) -> None:
+        if isinstance(values, str | bytes) or not hasattr(values, "__iter__"):
+            raise LocalProtocolError(f"a list is needed, of {quantity.describe()}, not {quoted(values)}")
+        for number, value in enumerate(values, 1):
+            try:
+                quantity.check(value)
+            except LocalProtocolError as error:
+                raise LocalProtocolError(f"number {number} of the list: {error}") from None
+
+    return check
 
 
 def points_of(moves: Iterable[TrajectoryPoint]) -> list[TrajectoryPoint]:
@@ -292,6 +362,14 @@ def points_of(moves: Iterable[TrajectoryPoint]) -> list[TrajectoryPoint]:
 
 def _alternatives(annotation: Any) -> tuple[Any, ...]:
     return get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+
+
+def _check_word(name: str, words: Sequence[Any], value: Any) -> None:
+    if any(type(value) is type(word) and value == word for word in words):
+        return
+    if isinstance(value, str):
+        raise LocalProtocolError(unknown(name, value, map(str, words)))
+    _require(False, name, " or ".join(map(repr, words)), value)
 
 
 def _require(fits: Any, name: str, what: str, value: Any) -> None:

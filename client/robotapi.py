@@ -25,6 +25,7 @@ import h11
 
 from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Flow, Reconnect, TimeLimit
 from client.errors import ConnectionLostError
+from client.quantities import checked, checked_call
 from urproto import robotapi as wire
 from urproto.dashboard import OperationalMode, ProgramState
 from urproto.errors import RemoteProtocolError, RobotRefused
@@ -160,17 +161,20 @@ LOADED_PROGRAM: ApiRequest[str] = ApiRequest(wire.GET_LOADED, lambda content: _f
 PROGRAMS: ApiRequest[list[StoredProgram]] = ApiRequest(wire.GET_PROGRAMS, _programs)
 
 
+@checked_call
 def load(program: str) -> ApiRequest[None]:
     """Load a stored program by its name, without .urpx. The client chooses the request by the API's version."""
     return ApiRequest(wire.PUT_LOADED, _done, {"name": program}, advice="PROGRAMS lists the stored programs")
 
 
+@checked_call
 def upload(file: bytes, *, replace: bool = False) -> ApiRequest[str]:
     """Store a .urpx file, as a new program or as a replacement for the program of that name; returns the name."""
     place = wire.PUT_PROGRAM if replace else wire.POST_PROGRAM
     return ApiRequest(place, lambda content: _field(content, "programName"), file)
 
 
+@checked_call
 def download(program: str) -> ApiRequest[bytes]:
     """Download a stored program as a .urpx file."""
     return ApiRequest(wire.GET_PROGRAM, _as_file, name=program)
@@ -309,6 +313,7 @@ def _reason(response: _Response) -> str:
     return f"HTTP status {response.status}"
 
 
+@checked
 class RobotAPIClient(AsyncConnection):
     """Robot API client for asyncio programs; use it with ``async with``, which connects and requests the version."""
 
@@ -326,6 +331,7 @@ class RobotAPIClient(AsyncConnection):
         return self.core.opening()
 
 
+@checked
 class BlockingRobotAPIClient(BlockingConnection):
     """Robot API client for scripts and notebooks; use it with ``with``."""
 

@@ -30,11 +30,13 @@ from client.connection import (
     Reconnect,
 )
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
+from client.quantities import checked
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe, RecipeValues
 from urproto.rtde.types import IN_USE, NOT_FOUND
+from urproto.text import quoted
 from urproto.versions import PolyscopeVersion
 
 Names = Sequence[str] | Path  # variables, or a file that lists them
@@ -66,9 +68,15 @@ def read_recipe(path: Path) -> tuple[str, ...]:
 
 def variable_names(names: Names) -> tuple[str, ...]:
     """The variables, read from their file if a path is given."""
-    if isinstance(names, str):
-        raise LocalProtocolError(f"a recipe is a list of names or the Path of a file, not the text {names!r}")
-    return read_recipe(names) if isinstance(names, Path) else tuple(names)
+    if isinstance(names, Path):
+        return read_recipe(names)
+    if isinstance(names, str | bytes) or not isinstance(names, Iterable):
+        raise LocalProtocolError(f"a recipe is a list of names or the Path of a file, not {quoted(names)}")
+    listed = tuple(names)
+    for name in listed:
+        if not isinstance(name, str):
+            raise LocalProtocolError(f"a recipe is a list of names, and {quoted(name)} is none")
+    return listed
 
 
 def unknown_fields(names: Iterable[str]) -> str | None:
@@ -89,6 +97,8 @@ class InputRecipes:
     """
 
     def __init__(self, recipes: Iterable[Names]) -> None:
+        if isinstance(recipes, str | bytes) or not isinstance(recipes, Iterable):
+            raise LocalProtocolError(f"inputs are a list of recipes, not {quoted(recipes)}")
         self.recipes = [Recipe.of(variable_names(names), INPUT_FIELDS) for names in recipes]
         self._last: dict[str, Any] = {}
 
@@ -158,6 +168,7 @@ class ReceivedState(RecipeValues):
         return time.monotonic() - self.taken_after_s
 
 
+@checked
 class RTDECore:
     """The client's side of an RTDE connection, without I/O.
 
@@ -187,8 +198,6 @@ class RTDECore:
         ignore_unavailable: bool = False,
         reconnect_s: float = 0.0,
     ) -> None:
-        if frequency_hz is not None and not 0.0 < frequency_hz < math.inf:
-            raise LocalProtocolError(f"a robot cannot send {frequency_hz} states per second: give a positive number")
         self.version: PolyscopeVersion | None = None
         self.messages: deque[codec.TextMessage] = deque(maxlen=_MAX_MESSAGES)
         self.state: State = {}
@@ -462,6 +471,7 @@ def _advice(types: tuple[str, ...]) -> str:
     return "this controller's version does not have it: leave it out, or ignore unavailable outputs"
 
 
+@checked
 class _RTDE(Connection):
     """The operations of the asynchronous and the blocking client."""
 

@@ -19,6 +19,7 @@ from typing import Final, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import DeviceError, RobotUnreachableError
+from client.quantities import checked
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 
@@ -29,6 +30,7 @@ _READ_BYTES: Final = 4096
 _logger = logging.getLogger(__name__)
 
 
+@checked
 class ToolCommunication:
     """Provides the device as long as the context is open; ``run`` keeps it connected to the robot.
 

@@ -106,6 +106,7 @@ THIRD_PARTY = {
 URSCRIPT_MAY_IMPORT = (
     "urproto.compat",
     "urproto.entry",
+    "urproto.lazy",
     "urproto.facts",
     "urproto.robots.pose",
     "urproto.text",

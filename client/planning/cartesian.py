@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -49,8 +48,9 @@ def cartesian_motions(
     blend_radius_m: float,
 ) -> CartesianMotions:
     """See `Planner.compute_cartesian_path`."""
-    _check(waypoints, max_step_m, jump_thresholds, blend_radius_m)
-    interpolator = interpolator_for(checker, PoseGoal((), tcp_offset))
+    if not len(waypoints):
+        raise PlanningError("a Cartesian path needs at least one waypoint")
+    interpolator = interpolator_for(checker, PoseGoal(waypoints[0], tcp_offset))
     segments: list[PlannedSegment] = []
     lengths: list[float] = []
     fraction, reason, q = 0.0, "", start
@@ -73,24 +73,12 @@ def cartesian_motions(
             reason = f"line {number + 1} ends after {100 * share:.1f} % of its length: {reason}"
             break
     radii = [min(blend_radius_m, _BLEND_SHARE * min(pair)) for pair in pairwise(lengths)]
-    items = [MotionSequenceItem(PoseGoal(()), "LIN", radius) for radius in (*radii, *([0.0] if segments else []))]
+    items = [
+        MotionSequenceItem(PoseGoal(pose), "LIN", radius)
+        for pose, radius in zip(waypoints, (*radii, *([0.0] if segments else [])), strict=False)
+    ]
     parts = tuple(blended_motions(segments, items))
     return CartesianMotions(parts, tuple(segment.waypoints[1] for segment in segments), fraction, reason)
-
-
-def _check(
-    waypoints: Sequence[Sequence[float]], max_step_m: float, jump_thresholds: tuple[float, float], radius_m: float
-) -> None:
-    if not waypoints:
-        raise PlanningError("a Cartesian path needs at least one waypoint")
-    for number, pose in enumerate(waypoints, 1):
-        if len(pose) != 6 or not all(map(isfinite, pose)):
-            raise PlanningError(f"waypoint {number}: a pose must be six finite numbers, not {list(pose)}")
-    if not (isfinite(max_step_m) and max_step_m > 0.0):
-        raise PlanningError(f"the largest step must be above 0 m, not {max_step_m}")
-    for value in (*jump_thresholds, radius_m):
-        if not (isfinite(value) and value >= 0.0):
-            raise PlanningError(f"jump thresholds and blend radius must be 0 or above, not {value}")
 
 
 def _truncate(

@@ -7,13 +7,16 @@ never missed, however thin it is, and a distant one needs only one check.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from client.errors import PlanningError
 from client.planning.collision_model import CollisionModel
 from client.planning.scene import PlanningScene
+from client.quantities import checked
 from urproto.joints import JOINT_LABELS
 from urproto.vectors import ZERO3, Vector3
 
@@ -42,6 +45,7 @@ class PairDistance:
         return f"{self.one} is {1000 * self.distance_m:.1f} mm from {self.other}"
 
 
+@partial(checked, error=PlanningError)
 class CollisionChecker:
     """Checks configurations and motions against a scene, each time as the scene is at the call."""
 

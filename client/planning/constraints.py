@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import asin, atan2, isfinite, pi
+from math import asin, atan2, pi
 from typing import Final
 
 import numpy as np
@@ -11,6 +11,7 @@ from client.errors import PlanningError
 from client.planning.collisions import CollisionChecker
 from client.planning.parameterisation import Array
 from client.planning.scene import PlanningScene
+from client.quantities import check_fields
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
 from urproto.vectors import ZERO6, Vector3
 
@@ -32,8 +33,7 @@ class OrientationConstraint:
     tolerance_rad: Vector3
 
     def __post_init__(self) -> None:
-        _check("an orientation", self.orientation, -np.inf)
-        _check("tolerances of an orientation", self.tolerance_rad, 0.0)
+        check_fields(self, PlanningError)
         if max(self.tolerance_rad[:2]) >= pi / 2:
             raise PlanningError(f"tolerances about x and y must be below pi/2, not {list(self.tolerance_rad)}")
 
@@ -53,9 +53,7 @@ class PositionConstraint:
     pose: Sequence[float] = ZERO6
 
     def __post_init__(self) -> None:
-        _check("a box", self.size, 0.0)
-        if len(self.pose) != 6 or not all(map(isfinite, self.pose)):
-            raise PlanningError(f"a box's pose must be six finite numbers, not {list(self.pose)}")
+        check_fields(self, PlanningError)
 
     def excess(self, pose: Pose) -> Array:
         """How far the TCP is outside the box along its axes [m] (3,), with its sign."""
@@ -70,6 +68,9 @@ class PathConstraints:
     orientation: OrientationConstraint | None = None
     position: PositionConstraint | None = None
     tcp_offset: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, PlanningError)
 
     def excess(self, pose: Pose) -> Array:
         """How far a pose exceeds the orientation [rad] and the position [m]: three numbers per constraint."""
@@ -124,18 +125,13 @@ class ConstrainedChecker(CollisionChecker):
 
     def _pose(self, q_rad: Sequence[float] | Array) -> Pose:
         a, b, c, d, e, f = (float(angle) for angle in q_rad)
-        return self.scene.kinematics.forward((a, b, c, d, e, f), self.constraints.tcp_offset or ZERO6)
+        offset = self.constraints.tcp_offset
+        return self.scene.kinematics.forward((a, b, c, d, e, f), ZERO6 if offset is None else offset)
 
 
 def _excess_over(values: Array, limit: Array) -> Array:
     over: Array = np.sign(values) * np.maximum(abs(values) - limit - 1e-9, 0.0)
     return over
-
-
-def _check(what: str, values: Sequence[float], minimum: float) -> None:
-    if len(values) != 3 or not all(isfinite(value) and value >= minimum for value in values):
-        bound = "" if minimum < 0.0 else ", 0 or above"
-        raise PlanningError(f"{what}: must be three finite numbers{bound}, not {list(values)}")
 
 
 def _format(number: float) -> str:

@@ -5,16 +5,17 @@ Up to eight configurations reach a pose, each also with single joints turned onc
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import isfinite, pi, tau
+from math import pi, tau
 from typing import Final, TypeAlias
 
 from client.errors import PlanningError
 from client.planning.collisions import CollisionChecker
+from client.quantities import check_fields
 from urproto.joints import JOINT_LABELS
 from urproto.robots import Joints, RobotModel
 from urproto.robots.kinematics import unwind
 from urproto.robots.pose import pose_inv, pose_trans
-from urproto.text import unknown
+from urproto.text import quoted, unknown
 from urproto.vectors import ZERO6, Vector3
 
 NAMED_CONFIGURATIONS: Final[dict[str, Joints]] = {
@@ -27,15 +28,24 @@ NAMED_CONFIGURATIONS: Final[dict[str, Joints]] = {
 _MAX_TURN_RAD: Final = 1.5 * pi  # a joint that is turned the other way round moves no farther than this
 
 
+class _Target:
+    """A goal whose numbers are checked. Raises PlanningError."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self, PlanningError)
+
+
 @dataclass(frozen=True, slots=True)
-class JointGoal:
+class JointGoal(_Target):
     """Exactly these joint angles [rad] (6,)."""
 
     q_rad: Sequence[float]
 
 
 @dataclass(frozen=True, slots=True)
-class PoseGoal:
+class PoseGoal(_Target):
     """A pose of the TCP (6,) [m, rotation vector] in the base frame.
 
     tcp_offset: flange to TCP. None means the robot's TCP when a robot plans, and the flange when there is no robot.
@@ -46,7 +56,7 @@ class PoseGoal:
 
 
 @dataclass(frozen=True, slots=True)
-class CircGoal:
+class CircGoal(_Target):
     """A pose of the TCP, as in a `PoseGoal`, at the end of an arc (planner ``CIRC``).
 
     Give either ``interim``, a point on the arc, or ``center``, the centre of the shorter arc: x, y, z [m] in the base
@@ -60,7 +70,7 @@ class CircGoal:
 
 
 @dataclass(frozen=True, slots=True)
-class NamedGoal:
+class NamedGoal(_Target):
     """A configuration of `NAMED_CONFIGURATIONS`."""
 
     name: str
@@ -76,8 +86,11 @@ class GoalSet:
     goals: "Sequence[JointGoal | PoseGoal | NamedGoal]"
 
     def __post_init__(self) -> None:
-        if not self.goals:
+        if not (isinstance(self.goals, Sequence) and self.goals):
             raise PlanningError("a GoalSet needs at least one goal")
+        for goal in self.goals:
+            if not isinstance(goal, JointGoal | PoseGoal | NamedGoal):
+                raise PlanningError(f"a GoalSet has JointGoals, PoseGoals and NamedGoals, not {quoted(goal)}")
 
 
 Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal | CircGoal | GoalSet
@@ -110,15 +123,10 @@ def _configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionCh
             raise GoalUnreachableError(unknown("configuration", goal.name, NAMED_CONFIGURATIONS))
         return [NAMED_CONFIGURATIONS[goal.name]]
     if isinstance(goal, JointGoal):
-        check_length(goal.q_rad, "a JointGoal must be six joint angles")
         a, b, c, d, e, f = (float(value) for value in goal.q_rad)
         _check_limits((a, b, c, d, e, f), model)
         return [(a, b, c, d, e, f)]
-    for numbers in (goal.pose, goal.tcp_offset or ZERO6):
-        check_length(numbers, "a pose must be six numbers")
-    if not all(map(isfinite, (*goal.pose, *(goal.tcp_offset or ())))):
-        raise GoalUnreachableError(f"the goal cannot be reached: p{list(goal.pose)} has numbers that are not finite")
-    flange = pose_trans(goal.pose, pose_inv(goal.tcp_offset or ZERO6))
+    flange = pose_trans(goal.pose, pose_inv(ZERO6 if goal.tcp_offset is None else goal.tcp_offset))
     solutions = checker.scene.kinematics.inverse_all(flange, start_rad)
     if not solutions:
         raise GoalUnreachableError(
@@ -128,12 +136,6 @@ def _configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionCh
     low, high = model.position_limits
     nearest = [unwind(q, start_rad, low, high) for q in solutions]
     return [q for near in nearest for q in _with_full_turns(near, start_rad, low, high)]
-
-
-def check_length(numbers: Sequence[float], what: str) -> None:
-    """Raise PlanningError unless there are six numbers. what: what they must be, for the message."""
-    if len(numbers) != 6:
-        raise PlanningError(f"{what}, not {len(numbers)}")
 
 
 def _any_configurations(goal: GoalSet, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:

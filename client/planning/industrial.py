@@ -7,7 +7,7 @@ and a blend is a joint-space curve with continuous speed and acceleration.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import dist, isfinite
+from math import dist
 from typing import Final
 
 import numpy as np
@@ -27,6 +27,7 @@ from client.planning.lines import (
 )
 from client.planning.parameterisation import Array, Limits, Scalings
 from client.planning.path import PiecewisePath, RoundedPath, concatenate, hermite
+from client.quantities import check_fields
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 from urproto.vectors import ZERO6
@@ -65,9 +66,7 @@ class CartesianLimits:
     rotation_rad_s: float = 1.57
 
     def __post_init__(self) -> None:
-        for value in (self.velocity_m_s, self.acceleration_m_s2, self.rotation_rad_s):
-            if not (isfinite(value) and value > 0.0):
-                raise PlanningError(f"Cartesian limits must be above 0, not {value}")
+        check_fields(self, PlanningError)
 
     def combined_with(self, limits: Limits) -> Limits:
         """These limits next to those of the joints, for a path of `COLUMNS`."""
@@ -97,11 +96,7 @@ class MotionSequenceItem:
     acceleration_scaling: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.blend_radius_m) and self.blend_radius_m >= 0.0):
-            raise PlanningError(f"a blend radius must be 0 or above, not {self.blend_radius_m}")
-        for name, share in (("velocity", self.velocity_scaling), ("acceleration", self.acceleration_scaling)):
-            if not 0.0 < share <= 1.0:
-                raise PlanningError(f"the {name} scaling must be above 0 and at most 1, not {share}")
+        check_fields(self, PlanningError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,12 +152,11 @@ def interpolator_for(checker: CollisionChecker, goal: Goal) -> CartesianInterpol
     """An interpolator for the scene's arm and the goal's TCP, or the flange if the goal has none."""
     goal = goal.goals[0] if isinstance(goal, GoalSet) else goal
     tcp_offset = goal.tcp_offset if isinstance(goal, PoseGoal | CircGoal) else None
-    return CartesianInterpolator(checker.scene.model, checker.scene.kinematics, tcp_offset or ZERO6)
+    offset = ZERO6 if tcp_offset is None else tcp_offset
+    return CartesianInterpolator(checker.scene.model, checker.scene.kinematics, offset)
 
 
 def _tool_path(start: Pose, goal: Goal, name: str) -> ToolPath:
-    if isinstance(goal, PoseGoal | CircGoal) and not (len(goal.pose) == 6 and all(map(isfinite, goal.pose))):
-        raise PlanningError(f"{name}: a pose must be six finite numbers, not {list(goal.pose)}")
     if name == "LIN":
         if not isinstance(goal, PoseGoal):
             raise PlanningError(
@@ -174,8 +168,6 @@ def _tool_path(start: Pose, goal: Goal, name: str) -> ToolPath:
     points = [point for point in (goal.interim, goal.center) if point is not None]
     if len(points) != 1:
         raise PlanningError("CIRC needs a point of its circle: give the CircGoal either an interim point or a center")
-    if len(points[0]) != 3 or not all(map(isfinite, points[0])):
-        raise PlanningError(f"CIRC: a point must be three finite numbers, not {list(points[0])}")
     return (
         arc_about(start, points[0], goal.pose) if goal.center is not None else arc_through(start, points[0], goal.pose)
     )

@@ -8,7 +8,7 @@ everywhere and not only at samples.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import acos, atan2, hypot, isfinite, sin, tau
+from math import acos, atan2, hypot, sin, tau
 from typing import Final, Protocol
 
 import numpy as np
@@ -159,8 +159,6 @@ class CartesianInterpolator:
     """Follows paths of one TCP of one arm."""
 
     def __init__(self, model: RobotModel, kinematics: Kinematics, tcp_offset: Sequence[float]) -> None:
-        if len(tcp_offset) != 6 or not all(map(isfinite, tcp_offset)):
-            raise PlanningError(f"a TCP offset must be six finite numbers, not {list(tcp_offset)}")
         self._model = model
         self._kinematics = kinematics
         self._tcp = tuple(map(float, tcp_offset))

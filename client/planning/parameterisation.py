@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from client.errors import PlanningError
+from urproto.text import quoted
 
 Array: TypeAlias = npt.NDArray[np.float64]
 PathFunction = Callable[[Array], tuple[Array, Array, Array]]
@@ -35,6 +36,13 @@ class Limits:
     velocity: Array
     acceleration: Array
     jerk: Array
+
+    def __post_init__(self) -> None:
+        for value in (self.velocity, self.acceleration, self.jerk):
+            if not (
+                isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind == "f" and (value > 0).all()
+            ):
+                raise PlanningError(f"limits are arrays of one number above 0 for each joint, not {quoted(value)}")
 
     def scaled(self, velocity: float, acceleration: float) -> "Limits":
         """Reduced limits. velocity, acceleration: shares above 0 and up to 1; the jerk scales with the acceleration.

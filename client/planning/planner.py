@@ -8,8 +8,8 @@ import time
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from itertools import count, pairwise
-from math import isfinite
 from random import Random
 from typing import Final, Literal, NamedTuple, get_args
 
@@ -19,7 +19,7 @@ from client.errors import PlanningError
 from client.planning.cartesian import cartesian_motions
 from client.planning.collisions import CollisionChecker
 from client.planning.constraints import ConstrainedChecker, PathConstraints
-from client.planning.goals import Goal, GoalSet, PoseGoal, check_length, goal_configurations
+from client.planning.goals import Goal, GoalSet, PoseGoal, goal_configurations
 from client.planning.industrial import (
     INDUSTRIAL,
     BlendedMotion,
@@ -39,8 +39,9 @@ from client.planning.path import RoundedPath, rounded_corner
 from client.planning.scene import PlanningScene
 from client.planning.search import search_joint_space
 from client.planning.task_space import TaskSpaceSearch
+from client.quantities import checked
 from urproto.robots import Joints, RobotModel
-from urproto.text import unknown
+from urproto.text import quoted, unknown
 
 PlannerName = Literal["RRTConnect", "RRTstar", "PRM", "PTP", "LIN", "CIRC"]
 PLANNERS: Final[tuple[str, ...]] = get_args(PlannerName)
@@ -49,7 +50,6 @@ _RESOLUTIONS_RAD: Final = (0.1, 0.04, 0.015)  # between OMPL's validity checks; 
 _SHORTCUT_ATTEMPTS: Final = 40
 _START_TOLERANCE_RAD: Final = 0.02  # guess: more than an arm sags, less than any clearance
 _DISTINCT_RAD: Final = 1e-6  # closer waypoints count as the same one
-_SEEDS: Final = 2**31  # OMPL takes 32 bits
 _ROUNDINGS: Final = 7  # times that the roundness of a corner in collision is halved
 _SAMPLE_S: Final = 0.04  # between points of a trajectory (guess)
 _A_RAD_S2: Final = 5.0  # ur_moveit_config/config/joint_limits.yaml, all joints; that file limits no jerk
@@ -107,6 +107,7 @@ class CartesianPath(NamedTuple):
     fraction: float
 
 
+@partial(checked, error=PlanningError)
 class Planner:
     """Plans in one scene, each time as the scene is at the call."""
 
@@ -175,8 +176,15 @@ class Planner:
                 velocity_scaling=velocity_scaling,
                 acceleration_scaling=acceleration_scaling,
             )
-        limits = self._checked_limits(items, time_limit_s, seed).scaled(velocity_scaling, acceleration_scaling)
-        start = self._checked_start(start_rad)
+        if not (isinstance(items, Sequence) and items):
+            raise PlanningError("a sequence needs at least one motion")
+        for item in items:
+            if not isinstance(item, MotionSequenceItem):
+                raise PlanningError(f"a sequence has MotionSequenceItems, not {quoted(item)}")
+            if item.planner not in PLANNERS:
+                raise PlanningError(unknown("planner", item.planner, PLANNERS))
+        limits = self.limits.scaled(velocity_scaling, acceleration_scaling)
+        start = _as_joints(start_rad)
         began_s = time.perf_counter()
         self.check_start(start)
         segments: list[PlannedSegment] = []
@@ -226,7 +234,7 @@ class Planner:
         StartInCollisionError, PlanningError.
         """
         limits = self.limits.scaled(velocity_scaling, acceleration_scaling)
-        start = self._checked_start(start_rad)
+        start = _as_joints(start_rad)
         began_s = time.perf_counter()
         if avoid_collisions:
             self.check_start(start)
@@ -261,26 +269,6 @@ class Planner:
         other = copy(self)
         other.checker = ConstrainedChecker(self.scene, constraints)
         return other
-
-    def _checked_limits(self, items: Sequence[MotionSequenceItem], time_limit_s: float, seed: int) -> Limits:
-        """The limits, once the arguments of a request are valid. Raises PlanningError."""
-        if not items:
-            raise PlanningError("a sequence needs at least one motion")
-        for item in items:
-            if item.planner not in PLANNERS:
-                raise PlanningError(unknown("planner", item.planner, PLANNERS))
-        if not 0 <= seed < _SEEDS:
-            raise PlanningError(f"a seed must be from 0 to {_SEEDS - 1}, not {seed}")
-        if not 0.0 < time_limit_s < float("inf"):
-            raise PlanningError(f"the time limit must be above 0 s, not {time_limit_s}")
-        return self.limits
-
-    def _checked_start(self, start_rad: Sequence[float]) -> Joints:
-        check_length(start_rad, "the start must be six joint angles")
-        start = _as_joints(start_rad)
-        if not all(map(isfinite, start)):
-            raise PlanningError(f"the start has joint angles that are not finite: {list(start)}")
-        return start
 
     def _segment(self, start: Joints, item: MotionSequenceItem, time_limit_s: float, seed: int) -> PlannedSegment:
         if item.planner == "PTP":

@@ -7,13 +7,15 @@ flange's frame. Links have the names of ur_description.
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from math import isfinite
+from functools import partial
 from pathlib import Path
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from client.errors import SceneError
+from client.quantities import QUANTITIES, check_fields, checked
+from urproto.errors import LocalProtocolError
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import Pose, pose_inv, pose_trans
 from urproto.vectors import ZERO6, Vector3
@@ -28,7 +30,6 @@ LINKS: Final = ("base_link", "shoulder_link", "upper_arm_link", "forearm_link", 
 """From the base to the last wrist."""
 
 PADDING_M: Final = 0.01
-_MAX_COORDINATE_M: Final = 100.0  # no arm is near an object this far away or this large (guess)
 _MIN_THICKNESS_M: Final = 1e-6  # of a hull (guess)
 _SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 
@@ -105,6 +106,7 @@ class Safety:
         return tuple(plane for plane in self.configuration.planes if plane.mode in (mode, BoundaryMode.BOTH))
 
 
+@partial(checked, error=SceneError)
 class PlanningScene:
     """An arm and the objects around it.
 
@@ -113,8 +115,6 @@ class PlanningScene:
     """
 
     def __init__(self, model: RobotModel | str, *, padding_m: float = PADDING_M) -> None:
-        if not (isfinite(padding_m) and 0.0 <= padding_m < 1.0):
-            raise SceneError(f"the padding must be at least 0 m and below 1 m, not {padding_m}")
         self.model = load_model(model) if isinstance(model, str) else model
         self.kinematics: Kinematics = kinematics_of(self.model)
         self.padding_m = padding_m
@@ -275,42 +275,33 @@ def _shape(obj: ObjectDescription, folder: Path) -> Shape:
 
 
 def _validated(name: str, shape: Shape) -> Shape:
-    sizes: tuple[float, ...] = ()
-    match shape:
-        case Box(size):
-            sizes = tuple(size)
-        case Sphere(radius):
-            sizes = (radius,)
-        case Cylinder(radius, length):
-            sizes = (radius, length)
-        case Mesh(path, scale):
-            sizes = (scale,)
-            if not path.is_file():
-                raise SceneError(f"{name}: there is no file {path}")
-        case Hull(points):
-            _check_points(name, points)
-    if not all(_is_number(size) and 0.0 < size < _MAX_COORDINATE_M for size in sizes):
-        raise SceneError(f"{name}: sizes must be above 0 and below {_MAX_COORDINATE_M:g} m, not {list(sizes)}")
+    try:
+        check_fields(shape)
+        if isinstance(shape, Hull):
+            for point in shape.points:
+                QUANTITIES["center"].check(point)
+    except LocalProtocolError as error:
+        raise SceneError(f"{name}: {error}") from None
+    if isinstance(shape, Mesh) and not shape.path.is_file():
+        raise SceneError(f"{name}: there is no file {shape.path}")
+    if isinstance(shape, Hull):
+        _check_volume(name, shape.points)
     return shape
 
 
-def _check_points(name: str, points: Sequence[Vector3]) -> None:
+def _check_volume(name: str, points: Sequence[Vector3]) -> None:
     places = np.array(points, dtype=float).reshape(-1, 3)
-    if not (abs(places) < _MAX_COORDINATE_M).all():
-        raise SceneError(f"{name}: the coordinates of points must be numbers below {_MAX_COORDINATE_M:g} m")
     if len(places) < 4 or np.linalg.matrix_rank(places - places[0], tol=_MIN_THICKNESS_M) < 3:
         raise SceneError(f"{name}: its {len(places)} points are coplanar: a hull needs a volume")
 
 
 def _pose(name: str, pose: Sequence[float]) -> Pose:
-    if len(pose) != 6 or not all(_is_number(value) and abs(value) < _MAX_COORDINATE_M for value in pose):
-        raise SceneError(f"{name}: a pose must be six numbers below {_MAX_COORDINATE_M:g}, not {list(pose)}")
+    try:
+        QUANTITIES["pose"].check(pose)
+    except LocalProtocolError as error:
+        raise SceneError(f"{name}: {error}") from None
     x, y, z, rx, ry, rz = map(float, pose)
     return (x, y, z, rx, ry, rz)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
 def read_safety(path: Path) -> SafetyConfiguration:

@@ -5,27 +5,66 @@ import inspect
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import fields
-from typing import Any
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, get_args, get_origin
 
+import numpy
 import pytest
 from driver_rig import HOST
 
-from client import AsyncRobot, URDriver, dashboard, points
+from client import (
+    AsyncRobot,
+    DashboardClient,
+    ModbusClient,
+    PrimaryClient,
+    RealtimeClient,
+    RobotAPIClient,
+    RTDEClient,
+    ToolCommunication,
+    URDriver,
+    dashboard,
+    dashboard_commands,
+    points,
+    robotapi,
+)
+from client.connection import FlowMethod
 from client.driver import DriverConfig
-from client.quantities import QUANTITIES, check_of, checked_call
-from urproto.errors import LocalProtocolError
+from client.errors import PlanningError, SceneError
+from client.primary import PrimaryCore
+from client.quantities import QUANTITIES, Quantity, check_of, checked_call
+from urproto.errors import LocalProtocolError, URError
 from urproto.external_control import Query, to_words
 from urproto.text import quoted
 
 COMPONENTS = ("kinematics", "dynamics", "contact", "force", "planning", "io", "programs", "dashboard")
 POINTS = [points.spline, *(member for _, member in inspect.getmembers(points, inspect.isfunction))]
-BY_THE_CALL = {  # not by their signature
-    *("moves", "points", "frame"),  # tested below
-    *("goal", "scene", "items", "plan", "waypoints"),  # planning has its own errors, and is loaded on use
+COMMANDS = [
+    member
+    for module in (dashboard_commands, robotapi)
+    for _, member in inspect.getmembers(module, inspect.isfunction)
+    if member.__module__ == module.__name__
+]
+PORTS = {
+    ModbusClient: lambda: ModbusClient(HOST),
+    RTDEClient: lambda: RTDEClient(HOST, ["timestamp"]),
+    RealtimeClient: lambda: RealtimeClient(HOST),
 }
+PLANNING = find_spec("coal") is not None
+BY_THE_CALL = {  # not by their signature
+    *("moves", "points", "frame", "outputs", "inputs", "values"),  # tested below
+    *("goal", "goals", "scene", "items", "plan", "waypoints"),  # of planning: tested below
+    "failing",
+}
+GIVEN = ("Goal", "GoalSet", "Constraint", "Constraints", "SequenceItem", "CartesianLimits")  # what planning is given
+IMPLICIT = ("self", "cls")
+SEVERAL = ("waypoints", "words")
 HUGE = 10**400
 NOT_NUMBERS = ("abc", "abcdef", None, object(), math.nan, HUGE, -HUGE, 1e300, {}, 1j)
-GOOD = {str: "x", bool: True, Query: Query.STEADY, int: 1, float: 1.0}
+GOOD: dict[Any, Any] = {
+    **{"moves": [], "points": [], "items": [], "outputs": ["timestamp"], "model": "ur3"},
+    **{str: "x", bool: True, Query: Query.STEADY, int: 1, float: 1.0, Path: Path("x")},
+}
 
 
 def calls() -> Iterator[tuple[str, Callable[[], Callable[..., Any]], inspect.Signature]]:
@@ -37,14 +76,34 @@ def calls() -> Iterator[tuple[str, Callable[[], Callable[..., Any]], inspect.Sig
             if not name.startswith("_") and inspect.isfunction(function):
                 yield f"{title}.{name}", lambda name=name: getattr(owner(), name), inspect.signature(function)
 
+    for kind, owner in PORTS.items():
+        for name, flow in inspect.getmembers(kind, lambda member: isinstance(member, FlowMethod)):
+            get = lambda name=name, owner=owner: getattr(owner(), name)  # noqa: E731
+            yield f"{kind.__name__}.{name}", get, inspect.signature(flow._method)
+    yield from of("PrimaryCore", PrimaryCore, PrimaryCore)
+    for kind in (*PORTS, PrimaryClient, DashboardClient, RobotAPIClient, ToolCommunication):
+        yield kind.__name__, lambda kind=kind: kind, inspect.signature(kind)
+    if PLANNING:
+        from client import planning
+
+        scene = planning.PlanningScene("ur3")
+        for part in (scene, planning.CollisionChecker(scene), planning.Planner(scene)):
+            yield from of(type(part).__name__, type(part), lambda part=part: part)
+        for kind in vars(planning).values():
+            if inspect.isclass(kind) and (kind.__name__.endswith(GIVEN) or kind in (type(scene), planning.Planner)):
+                yield kind.__name__, lambda kind=kind: kind, inspect.signature(kind)
     yield from of("driver", URDriver, lambda: URDriver(HOST))
     yield from of("robot", AsyncRobot, lambda: AsyncRobot(HOST))
     for part in COMPONENTS:
         kind = type(getattr(AsyncRobot(HOST), part))
         yield from of(part, kind, lambda part=part: getattr(AsyncRobot(HOST), part))
-    for function in POINTS:
+    for function in (*POINTS, *COMMANDS):
         if not function.__name__.startswith("_") and function is not checked_call:
-            yield f"points.{function.__name__}", lambda function=function: function, inspect.signature(function)
+            yield (
+                f"{function.__module__}.{function.__name__}",
+                lambda function=function: function,
+                inspect.signature(function),
+            )
 
 
 CALLS = list(calls())
@@ -52,7 +111,7 @@ CHECKED = [
     pytest.param(get, signature, parameter, id=f"{name}-{parameter.name}")
     for name, get, signature in CALLS
     for parameter in signature.parameters.values()
-    if parameter.name != "self" and check_of(parameter) is not None
+    if parameter.name not in IMPLICIT and check_of(parameter) is not None
 ]
 
 
@@ -61,39 +120,49 @@ def test_every_parameter_has_a_check():
         f"{name}({parameter})"
         for name, _, signature in CALLS
         for parameter in signature.parameters.values()
-        if parameter.name not in BY_THE_CALL | {"self", "options", "args"} and check_of(parameter) is None
+        if parameter.name not in BY_THE_CALL | {*IMPLICIT, "options", "args"} and check_of(parameter) is None
     }
     assert not unchecked
 
 
+def quantity_of(parameter: inspect.Parameter) -> Quantity | None:
+    plain = isinstance(parameter.annotation, type) and parameter.annotation not in (int, float)
+    return None if plain else QUANTITIES.get(parameter.name)
+
+
 def good(parameter: inspect.Parameter) -> Any:
-    if quantity := QUANTITIES.get(parameter.name):
+    if quantity := quantity_of(parameter):
         number = min(max(1, quantity.low), quantity.high)
-        return [number] * quantity.size if quantity.size else number
-    if parameter.name in ("moves", "points"):
-        return []
-    if parameter.name == "condition":
+        one = [number] * quantity.size if quantity.size else number
+        return [one] if parameter.name in SEVERAL else one
+    if parameter.name in GOOD:
+        return GOOD[parameter.name]
+    if get_origin(parameter.annotation) is Callable:
         return bool
-    return GOOD.get(parameter.annotation, "x" if "str" in str(parameter.annotation) else dashboard.PLAY)
+    kind = next((kind for kind in get_args(parameter.annotation) if isinstance(kind, type)), parameter.annotation)
+    if isinstance(kind, type):
+        return GOOD[kind] if kind in GOOD else kind.__new__(kind)
+    return "x" if "str" in str(kind) else dashboard.PLAY
 
 
 def bad(parameter: inspect.Parameter) -> Iterator[Any]:
-    quantity = QUANTITIES.get(parameter.name)
+    quantity = quantity_of(parameter)
     optional = "None" in str(parameter.annotation)
     if quantity is None and parameter.annotation not in (int, float):
         yield from (value for value in (5.5, object(), None) if not (optional and value is None))
         return
-    no_double = parameter.annotation is not float or quantity is not None
-    yield from (value for value in NOT_NUMBERS if not (optional and value is None) and (no_double or value != 1e300))
-    if quantity is None or not quantity.size:
-        yield [1.0]
-        yield -math.inf
-        return
-    fitting = good(parameter)
-    yield from ([], fitting[1:], [*fitting, *fitting[:1]])
-    for wrong in NOT_NUMBERS:
-        yield [*fitting[1:], wrong]
-        yield [wrong, *fitting[1:]]
+    fitting_too = [*([None] if optional else []), *([{}] if parameter.name in SEVERAL else [])]
+    fitting_too += [1e300] if quantity is None and parameter.annotation is float else []
+    yield from (value for value in NOT_NUMBERS if value not in fitting_too)
+    if parameter.name in SEVERAL:
+        yield from ([wrong] for wrong in NOT_NUMBERS)
+    elif quantity is None or not quantity.size:
+        yield from ([1.0], -math.inf)
+    else:
+        fitting = good(parameter)
+        yield from ([], fitting[1:], [*fitting, *fitting[:1]])
+        for wrong in NOT_NUMBERS:
+            yield from ([*fitting[1:], wrong], [wrong, *fitting[1:]])
 
 
 def run(call: Callable[..., Any], args: list[Any], kwargs: dict[str, Any]) -> None:
@@ -104,20 +173,23 @@ def run(call: Callable[..., Any], args: list[Any], kwargs: dict[str, Any]) -> No
 
 @pytest.mark.parametrize(("get", "signature", "parameter"), CHECKED)
 def test_bad_values_are_refused_before_anything_is_sent(get, signature, parameter):
-    call, others = get(), [one for one in signature.parameters.values() if one.name not in ("self", parameter.name)]
-    named = {one.name: good(one) for one in others if one.kind is one.KEYWORD_ONLY and one.default is one.empty}
+    call, given = get(), [one for one in signature.parameters.values() if one.name not in IMPLICIT]
     for value in bad(parameter):
-        args = []
-        for one in signature.parameters.values():
-            if one is parameter and one.kind is not one.KEYWORD_ONLY:
-                args.append(value)
-                break
-            if one.name != "self" and one.kind in (one.POSITIONAL_ONLY, one.POSITIONAL_OR_KEYWORD):
-                args.append(good(one) if one.default is one.empty else one.default)
-        keyword = {parameter.name: value} if parameter.kind is parameter.KEYWORD_ONLY else {}
-        with pytest.raises(LocalProtocolError) as refusal:
-            run(call, args, keyword | named)
-        assert str(refusal.value).endswith(f"not {quoted(value)}")  # and not another argument
+        args, named = [], {}
+        for one in given:
+            others = one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD)
+            if one is parameter:
+                argument = value
+            else:
+                argument = good(one) if one.default is one.empty and not others else one.default
+            if one.kind is one.KEYWORD_ONLY:
+                named[one.name] = argument
+            elif one is parameter or not others:
+                args.append(argument)
+        with pytest.raises(URError) as refusal:
+            run(call, args, named)
+        culprit = value[0] if parameter.name in SEVERAL and isinstance(value, list) else value
+        assert str(refusal.value).endswith(f"not {quoted(culprit)}")  # and not another argument
 
 
 @pytest.mark.parametrize("moves", [5, None, ["abc"], [None], "abc", [points.movej([0.0] * 6), math.nan]])
@@ -131,6 +203,36 @@ def test_a_trajectory_of_something_else_is_refused(call, moves):
 def test_a_timeout_that_the_robot_does_not_keep_is_refused(call):
     with pytest.raises(LocalProtocolError, match=r"waits at most 0\.2 s for the next setpoint, not 0\.5"):
         getattr(URDriver(HOST), call)([0.0] * 6, 0.5)
+
+
+@pytest.mark.parametrize("names", [5, None, "timestamp", b"x", [5], math.nan])
+def test_recipes_of_something_else_are_refused(names):
+    with pytest.raises(LocalProtocolError):
+        RTDEClient(HOST, names)
+    with pytest.raises(LocalProtocolError):
+        RTDEClient(HOST, [], names if names == [5] else [names])
+
+
+@pytest.mark.skipif(not PLANNING, reason="planning is not installed")
+def test_planning_of_something_else_is_refused():
+    from client import planning
+
+    scene, start = planning.PlanningScene("ur3"), [0.0, -1.5, 0.0, -1.5, 0.0, 0.0]
+    planner = planning.Planner(scene)
+    shapes = [planning.Box((1.0, math.nan, 1.0)), planning.Sphere("x"), planning.Cylinder(0.1, None)]
+    shapes += [planning.Mesh("file"), planning.Hull([[0.0] * 3] * 3 + ["abc"]), planning.Hull(5)]
+    for shape in shapes:
+        with pytest.raises(SceneError, match="part: "):
+            scene.add("part", shape)
+    for items in (5, None, "abc", [], [None], [planning.JointGoal(start)]):
+        with pytest.raises(PlanningError):
+            planner.plan_sequence(start, items)
+    for goals in (5, None, [], [None], ["abc"]):
+        with pytest.raises(PlanningError):
+            planning.GoalSet(goals)
+    for limit in ("abc", None, 5.0, numpy.zeros(6), numpy.array([math.nan] * 6)):
+        with pytest.raises(PlanningError):
+            planning.Limits(limit, limit, limit)
 
 
 @pytest.mark.parametrize("frame", [5, None, "world", [0.0] * 5, [math.nan] * 6])
@@ -147,7 +249,6 @@ def test_options_are_checked_as_well(name):
 
 
 def test_values_of_numpy_are_accepted():
-    numpy = pytest.importorskip("numpy")
     points.movej(numpy.zeros(6), v=numpy.float32(1.0))
     QUANTITIES["steps"].check(numpy.int64(3))
 

@@ -112,7 +112,7 @@ def test_scene_is_rebuilt_when_world_changes() -> None:
         assert second is not first
         assert not second.objects
         assert await next_scene(world({"box": {"box": [0.0, 0.1, 0.1]}})) is None
-        assert "sizes must be above 0" in monitor.problem
+        assert "box: edge lengths: 3 numbers above 0" in monitor.problem
         assert await next_scene(world({})) is not None
         assert not monitor.problem
         await monitor.close()

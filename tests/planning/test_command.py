@@ -65,7 +65,7 @@ def test_the_orientation_of_the_start_is_kept() -> None:
         (("1,2,3",), "six joint angles"),
         (("up", "--model", "ur4"), "unknown robot model 'ur4': choose one of ur3"),
         ((pose(0.0, 0.1), "--keep-within", "1,1,1"), "six numbers"),
-        ((pose(0.0, 0.1), "--keep-orientation", "-1,0,0"), "0 or above"),
+        ((pose(0.0, 0.1), "--keep-orientation", "-1,0,0"), "from 0 to"),
     ],
 )
 def test_invalid_goals_are_refused_with_the_reason(goals: tuple[str, ...], words: str) -> None:

@@ -186,7 +186,7 @@ def test_sequences_that_cannot_be_blended_say_why() -> None:
     ):
         with pytest.raises(PlanningError, match=why):
             planner.plan_sequence(START, items)
-    with pytest.raises(PlanningError, match="a blend radius must be 0 or above, not -1"):
+    with pytest.raises(PlanningError, match="a blend radius: from 0 to 10 m, not -1"):
         MotionSequenceItem(one, "LIN", -1.0)
 
 
@@ -305,10 +305,10 @@ def test_joint_jumps_above_the_threshold_end_a_cartesian_path() -> None:
     assert start != waypoint[0]
     for options, why in (
         ({"waypoints": []}, "at least one waypoint"),
-        ({"waypoints": [(0.0,) * 5]}, "waypoint 1: a pose must be six"),
-        ({"max_step_m": 0.0}, "largest step must be above 0"),
-        ({"jump_threshold": -1.0}, "0 or above, not -1"),
-        ({"blend_radius_m": float("nan")}, "0 or above, not nan"),
+        ({"waypoints": [(0.0,) * 5]}, "number 1 of the list: a pose: 6 numbers"),
+        ({"max_step_m": 0.0}, "a step: from 0.0001 to 10 m"),
+        ({"jump_threshold": -1.0}, r"from 0 to 1e\+09, not -1"),
+        ({"blend_radius_m": float("nan")}, "from 0 to 10 m, not nan"),
     ):
         with pytest.raises(PlanningError, match=why):
             planner.compute_cartesian_path(**({"start_rad": near, "waypoints": waypoint} | options))

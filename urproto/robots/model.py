@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from urproto.compat import Self, load_toml
+from urproto.errors import URError
 from urproto.facts import Situation, find
 from urproto.robots.drivetrain import Drivetrain
 from urproto.text import unknown
@@ -40,7 +41,7 @@ _RUNS_X: Final = ((10, 7), (10, 13))
 """Oldest and newest PolyScope X: those whose simulators the official C++ client is tested against."""
 
 
-class UnknownModelError(ValueError):
+class UnknownModelError(URError, ValueError):
     """There is no data file for an arm of this name."""
 
     def __init__(self, name: str) -> None:
