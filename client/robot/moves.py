@@ -234,13 +234,18 @@ class Moves:
         await self._motion.launch(operation, partial(self._send_for, operation, send, duration_s), wait)
 
     async def _send_for(self, operation: str, send: Callable[[RobotState], None], duration_s: float) -> None:
-        end_s = (await self._diagnosis.fresh_state(operation)).timestamp_s + duration_s
+        end_s = (await self._first_state(operation)).timestamp_s + duration_s
         try:
             await self._repeat(operation, send, lambda state: state.timestamp_s >= end_s)
         finally:
             if self._driver.program_running and not self._motion.rolling:
                 self._driver.idle()
         await self._motion.come_to_rest()
+
+    async def _first_state(self, operation: str) -> RobotState:
+        """The state with which a stream begins, after a cycle without a setpoint: what is slow once makes none late."""
+        await self._diagnosis.next_state(operation)
+        return await self._diagnosis.fresh_state(operation)
 
     async def _repeat(
         self, operation: str, send: Callable[[RobotState], None], done: Callable[[RobotState], bool]
@@ -293,7 +298,7 @@ class Moves:
     async def _approach(
         self, operation: str, velocity: Sequence[float], direction_base: Sequence[float], timeout_s: float
     ) -> None:
-        end_s = (await self._diagnosis.fresh_state(operation)).timestamp_s + timeout_s
+        end_s = (await self._first_state(operation)).timestamp_s + timeout_s
         self._driver.start_tool_contact(direction_base)
         result = asyncio.create_task(self._driver.tool_contact_result())
 
