@@ -165,8 +165,14 @@ class Gate:
         return RedirectResponse(scope["path"], _SEE_OTHER, {"set-cookie": cookie})
 
     async def _request(self, scope: Any, receive: Any, send: Any) -> None:
-        started = False
+        started = gone = False
         nonce = secrets.token_urlsafe(16)
+
+        async def listen() -> Any:
+            nonlocal gone
+            message = await receive()
+            gone = gone or message["type"] == "http.disconnect"
+            return message
 
         async def forward(message: Any) -> None:
             nonlocal started
@@ -174,8 +180,10 @@ class Gate:
             await send(message)
 
         try:
-            await self._inner(scope, receive, _with_headers(_with_nonce(forward, nonce), nonce))
+            await self._inner(scope, listen, _with_headers(_with_nonce(forward, nonce), nonce))
         except Exception as error:
+            if gone:  # before there was an answer, which the layers below take for an error
+                return
             self._invalid_messages.report_error(error)
             if not started:
                 text = "Bad request; the pendant's log says why.\n"

@@ -10,14 +10,14 @@ import re
 import socket
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
-from client.pendant.web_security import _MAX_PAGES, InvalidMessages
+from client.pendant.web_security import _MAX_PAGES, Gate, InvalidMessages
 from tests.pendant.pendants import pendant
 from urproto.testing.process import claim_address
 
@@ -341,3 +341,35 @@ def test_many_kinds_are_logged_together(caplog: pytest.LogCaptureFixture) -> Non
     for i in range(1000):
         invalid_messages.report(str(i), i)
     assert len(caplog.records) < 40
+
+
+async def test_a_browser_that_leaves_before_the_answer_is_no_error(caplog: pytest.LogCaptureFixture) -> None:
+    async def slow(scope: object, receive: Callable[[], Awaitable[dict[str, str]]], send: object) -> None:
+        await receive()
+        raise RuntimeError("No response returned.")
+
+    async def leave() -> dict[str, str]:
+        return {"type": "http.disconnect"}
+
+    async def stay() -> dict[str, str]:
+        return {"type": "http.request"}
+
+    gate = Gate(slow, (), lambda limit: False, InvalidMessages())
+    scope = {
+        "type": "http",
+        "path": "/",
+        "method": "GET",
+        "query_string": b"",
+        "headers": [(b"host", b"127.0.0.1")],
+    } | {"server": ("127.0.0.1", 80)}
+    sent: list[dict[str, object]] = []
+
+    async def send(message: dict[str, object]) -> None:
+        sent.append(message)
+
+    await gate(scope, leave, send)
+    assert not sent
+    assert not caplog.records
+    await gate(scope, stay, send)
+    assert sent[0]["status"] == 400
+    assert len(caplog.records) == 1
