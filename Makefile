@@ -6,8 +6,8 @@ MODEL  ?= ur3
 ARGS   ?=
 # which tests `make test` runs; MARKS= for all of them, with those of `make long` and `make pages`
 MARKS  ?= not page and not long
-# two more than there are cores: a good part of the tests waits for robots in real time
-JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
+# no more than there are cores: robots in real time have to keep up
+JOBS   ?= $(shell nproc 2>/dev/null || echo 2)
 
 # Byte code is kept, even where the surroundings say otherwise, as container images like to: the tests start some hundred
 # processes, and half of the time of each would go into compiling what the one before compiled.

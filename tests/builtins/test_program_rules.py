@@ -45,6 +45,7 @@ def test_a_loop_that_occasionally_waits_is_not_an_endless_loop(rig, wait):
     assert errors(rig) == []
 
 
+@pytest.mark.long
 def test_reading_from_a_peer_that_never_pauses_is_not_an_endless_loop(rig):
     """Some drivers send keep-alives without a pause; the official script reads them all."""
     rig.start('socket_open("10.0.0.1", 50001, "s")\nwhile True:\n  m = socket_read_binary_integer(8, "s", 0.5)\nend')

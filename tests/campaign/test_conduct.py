@@ -96,6 +96,7 @@ def test_a_run_that_kills_its_process_is_the_only_one_lost(tmp_path: Path) -> No
     assert max(len(numbers) for _, numbers, *_ in workers.jobs) > 1  # it was part of a job with several runs
 
 
+@pytest.mark.long
 def test_a_killed_process_loses_and_duplicates_no_results(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {seed: {count: 40}}", "sleep(10)\n"))
     workers = LocalWorkers(plan.folder, 2)

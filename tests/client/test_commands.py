@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
@@ -20,6 +20,7 @@ from urproto.testing.process import EmulatorProcess
 if sys.platform != "linux":  # emulators have addresses of their own there
     pytest.skip("the loopback addresses are those of Linux", allow_module_level=True)
 
+LATER = partial(pytest.param, marks=pytest.mark.long)  # with the long tests
 ROOT = Path(__file__).parents[2]
 SCRIPTS = Path(sys.executable).parent
 DEADLINE_S = 60
@@ -103,14 +104,18 @@ def test_states_as_lines_of_json(robot: EmulatorProcess) -> None:
     [
         ("# first\ndef hello():\n  sleep(0.1)\nend\n", (), 0, "hello is running\n"),
         ("def hello():\n  sleep(0.1)\nend\n", ("--wait",), 0, "hello is running\nhello has ended\n"),
-        ("set_digital_out(0, True)\n", (), 0, " is running\n"),
+        LATER("set_digital_out(0, True)\n", (), 0, " is running\n"),
         ("sec s():\n  set_digital_out(0, True)\nend\n", (), 0, "sent "),
         ("sec s():\n  set_digital_ut(0, True)\nend\n", (), 1, "hello.script:2:3: "),
-        ("sec s():\n  set_digital_ut(0, True)\nend\n", ("--no-check",), 1, "line 2, column 3: compile_error_name_not"),
-        ("sec s():\n  set_digital_out(0, True)\nend\n", ("--wait",), 2, "a controller does not report the end"),
-        ("def hello():\n  txtmsg(1)\nend\n", ("--no-check",), 1, "hello line 2, column 3: compile_error_name_not_fou"),
+        LATER(
+            "sec s():\n  set_digital_ut(0, True)\nend\n", ("--no-check",), 1, "line 2, column 3: compile_error_name_not"
+        ),
+        LATER("sec s():\n  set_digital_out(0, True)\nend\n", ("--wait",), 2, "a controller does not report the end"),
+        LATER(
+            "def hello():\n  txtmsg(1)\nend\n", ("--no-check",), 1, "hello line 2, column 3: compile_error_name_not_fou"
+        ),
         ("# A page\n\nThis is prose, and no program.\n", (), 1, "hello.script:3:6: syntax error at 'is'"),
-        ("# A page\n\nThis is prose, and no program.\n", ("--no-check",), 1, "syntax_error_on_line:3"),
+        LATER("# A page\n\nThis is prose, and no program.\n", ("--no-check",), 1, "syntax_error_on_line:3"),
         ("def hello():\n  a = [1]\n  b = a[5]\nend\n", ("--wait",), 1, "hello line 3"),
     ],
 )
@@ -127,8 +132,8 @@ def test_send(
     ("verb", "reason", "mended_by"),
     [
         ("protective_stop", "PROTECTIVE_STOP C209A0", ("restart_safety", "release_brakes")),
-        ("press_emergency_stop", "ROBOT_EMERGENCY_STOP", ("release_emergency_stop", "release_brakes")),
-        ("power_off", "the robot mode is POWER_OFF", ("release_brakes",)),
+        LATER("press_emergency_stop", "ROBOT_EMERGENCY_STOP", ("release_emergency_stop", "release_brakes")),
+        LATER("power_off", "the robot mode is POWER_OFF", ("release_brakes",)),
         ("stop", "it was stopped before its end", ()),
     ],
 )

@@ -3,10 +3,20 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.xdist_group("architecture")  # each worker would have to read every module
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("urproto", "urscript", "emulator", "client")
+
+
+@cache
+def trees() -> list[tuple[Path, ast.Module]]:
+    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
+    return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in paths]
 
 
 def phrases() -> list[str]:
@@ -30,12 +40,11 @@ def test_no_name_contains_a_listed_word() -> None:
 
 
 def names() -> Iterator[tuple[str, str]]:
-    for package in PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                for field in ("name", "arg", "id", "attr"):
-                    if isinstance(name := getattr(node, field, None), str):
-                        yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}", name
+    for path, tree in trees():
+        for node in ast.walk(tree):
+            for field in ("name", "arg", "id", "attr"):
+                if isinstance(name := getattr(node, field, None), str):
+                    yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}", name
 
 
 def _parts(name: str) -> set[str]:
@@ -47,11 +56,10 @@ def texts() -> Iterator[tuple[str, str]]:
     for page in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")):
         if page.name != "writing.md":
             yield page.name, page.read_text(encoding="utf-8")
-    for package in PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                    yield f"{path.relative_to(ROOT)}:{node.lineno}", node.value
+    for path, tree in trees():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield f"{path.relative_to(ROOT)}:{node.lineno}", node.value
 
 
 def test_no_listed_phrase_is_used() -> None:
@@ -64,9 +72,9 @@ def test_no_listed_phrase_is_used() -> None:
 
 def client_trees() -> Iterator[tuple[str, ast.Module]]:
     """Modules of the client library with their places, without the pendant, which has words of its own."""
-    for path in (ROOT / "client").rglob("*.py"):
-        if "pendant" not in path.parts:
-            yield str(path.relative_to(ROOT)), ast.parse(path.read_text(encoding="utf-8"))
+    for path, tree in trees():
+        if "client" in path.parts and "pendant" not in path.parts:
+            yield str(path.relative_to(ROOT)), tree
 
 
 def test_words_of_the_client_have_one_meaning() -> None:

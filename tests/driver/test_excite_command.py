@@ -32,6 +32,7 @@ def call(*arguments: str) -> Result:
     return CliRunner().invoke(app, arguments)
 
 
+@pytest.mark.long
 def test_what_it_records_is_enough_to_identify_the_arm(emulator, tmp_path: Path) -> None:
     file = tmp_path / "run.npz"
     result = call("excite", "--duration", "12", "--angle", "0.3", "-o", str(file), "--robot-ip", emulator.host)

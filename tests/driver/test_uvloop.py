@@ -21,6 +21,7 @@ async def _turn_base(host: str) -> float:
         return robot.q[0]
 
 
+@pytest.mark.long
 def test_a_robot_moves() -> None:
     with EmulatorProcess(["--model", "ur3", "--running"]) as process:
         assert uvloop.run(_turn_base(process.host)) == pytest.approx(0.1, abs=1e-3)

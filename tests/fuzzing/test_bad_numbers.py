@@ -22,6 +22,7 @@ from client.errors import ClientError
 from emulator.config import ConfigError, read_calibration, read_initial_positions, read_safety, read_surroundings
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
+from tests.budget import subset
 from urproto.external_control import from_words, to_words
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -229,7 +230,7 @@ READERS: Final[dict[str, tuple[Any, Callable[[Path], list[str]]]]] = {
 }
 
 
-@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("name", subset(READERS, now=("world", "controllers")))
 def test_a_bad_number_is_refused_by_name_or_harmless(name: str, tmp_path: Path) -> None:
     content, use = READERS[name]
     path = tmp_path / "settings.yaml"

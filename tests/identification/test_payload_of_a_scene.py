@@ -29,6 +29,7 @@ def bolted() -> str:
     return f"mounted: {{part: {{box: [0.12, 0.12, 0.06], pose: {list(COG)}, mass: {KG}}}}}\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", [carried, pytest.param(bolted, marks=pytest.mark.long)])
 def test_mass_and_centre_of_a_carried_body_are_identified(tmp_path, scene):
     (file := tmp_path / "cell.yaml").write_text(scene())

@@ -229,7 +229,7 @@ def _stopped_by(stop: Callable[[Cell], None]) -> Callable[[Cell], None]:
     def enter(cell: Cell) -> None:
         _playing(cell)
         stop(cell)
-        cell.seconds(6.0)  # a protective stop can be unlocked after 5 s
+        cell.seconds(1.0)
 
     return enter
 
@@ -268,6 +268,12 @@ def _slider(cell: Cell) -> None:
     cell.rtde(InputData(3, struct.pack(">Id", 1, 0.0)).encode(2))
 
 
+def _unlock(cell: Cell) -> str:
+    if cell.state["safety_mode"] == SafetyMode.PROTECTIVE_STOP:
+        cell.seconds(5.0)  # before that it cannot be unlocked
+    return cell.ask("unlock protective stop")
+
+
 def _gone(cell: Cell) -> None:
     if cell.peer is not None:
         cell.peer.close()
@@ -287,7 +293,7 @@ EVENTS: Final[dict[str, Callable[[Cell], str | None]]] = {
     "socket peer closes": _gone,
     "speed slider to 0": _slider,
     "brake release": lambda cell: cell.ask("brake release"),
-    "unlock protective stop": lambda cell: cell.ask("unlock protective stop"),
+    "unlock protective stop": _unlock,
     "emergency stop": lambda cell: cell.press(SafetyDevice.EMERGENCY_STOP),
 }
 

@@ -28,6 +28,14 @@ _CASES: Final = [
     for port in (PORTS if key[1] == "program sent" and key[0] == ".urp playing" else PORTS[:1])
 ]
 
+_LATER: Final = pytest.mark.long
+
+
+def _same(case: tuple[str, str, Series, str]) -> bool:
+    """Whether CB3, which has a quarter of the control periods, shows the same."""
+    state, event, series, _ = case
+    return series is Series.E and ROWS[state, event, series]["series"] == "both"
+
 
 def test_the_table_has_a_row_for_every_state_event_and_series() -> None:
     assert set(ROWS) == {(state, event, series) for state in STATES for event in EVENTS for series in series_of(state)}
@@ -36,7 +44,10 @@ def test_the_table_has_a_row_for_every_state_event_and_series() -> None:
 
 @pytest.mark.parametrize(
     ("state", "event", "series", "port"),
-    [pytest.param(*case, id=f"{case[0]}-{case[1]}-{case[2].value}-{case[3]}") for case in _CASES],
+    [
+        pytest.param(*case, id=f"{case[0]}-{case[1]}-{case[2].value}-{case[3]}", marks=_LATER if _same(case) else ())
+        for case in _CASES
+    ],
 )
 def test_interaction(tmp_path: Path, state: str, event: str, series: Series, port: str) -> None:
     row = ROWS[state, event, series]

@@ -131,6 +131,7 @@ def test_vector_environments_step_in_parallel():
     envs.close()
 
 
+@pytest.mark.long
 def test_environments_in_separate_processes_give_the_same_results_and_exit():
     """As in docs/learning.md. Workers do not need anything that a fork of this process would inherit."""
     runs = []

@@ -86,6 +86,7 @@ def _text(value: str | bytes) -> str:
     return value if isinstance(value, str) else value.decode("latin-1")
 
 
+@pytest.mark.long
 def test_every_file_is_valid_for_the_oldest_python() -> None:
     listed = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     files = [file for file in listed.split() if file not in COMPAT and (ROOT / file).exists()]

@@ -165,6 +165,7 @@ def test_dialogues_and_messages_are_accessible(page: Page, robot: Rig) -> None:
     assert not problems, "\n".join(problems)
 
 
+@pytest.mark.long
 def test_every_tab_can_be_tapped_and_the_robot_is_named(page: Page, robot: Rig) -> None:
     try:
         for width, height in SIZES.values():

@@ -43,6 +43,7 @@ def wait_for_picture(page: Page) -> None:
     eventually(lambda: page.evaluate(drawn))
 
 
+@pytest.mark.long
 def test_picture_and_description_are_shown(rig: Rig, browser: Browser) -> None:
     options = ("--port", str(PORT), "--control-port", "0")
     context = browser.new_context(viewport=VIEWPORT)
@@ -76,6 +77,7 @@ def test_picture_and_description_are_shown(rig: Rig, browser: Browser) -> None:
         context.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", ["/camera/wrist/stream", "/camera/wrist/still"])
 def test_robot_without_cameras_has_no_pictures(rig: Rig, browser: Browser, path: str) -> None:
     page = browser.new_page()

@@ -36,6 +36,7 @@ def enter(browser: Browser, password: str, path: str = "/") -> Page:
     return page
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("class_of_three")
 def test_a_class_in_browsers(browser: Browser) -> None:
     teacher, student = enter(browser, "for me"), enter(browser, "for us", "/robot/2")

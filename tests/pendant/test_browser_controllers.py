@@ -37,6 +37,7 @@ def base(rig: Rig) -> float:
     return degrees(rig.control.state(["actual_q"])["actual_q"][0])
 
 
+@pytest.mark.long
 def test_screen_explains_how_to_start_missing_manager(rig: Rig, open_page: Callable[[str], Page]) -> None:
     page = open_page("controllers")
     expect(page.get_by_test_id("manager-problem")).to_contain_text(f"ur-client controllers serve --robot-ip {rig.host}")

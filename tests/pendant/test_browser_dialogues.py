@@ -25,6 +25,7 @@ def test_integer_question_accepts_only_integers(rig, open_page):
     assert rig.control.variables() == {"n": "12"}
 
 
+@pytest.mark.long
 def test_blocking_popup_is_closed_from_pendant(rig, open_page):
     page = open_page("move")
     rig.control.send_script(POPUP)

@@ -28,6 +28,7 @@ def download(page, button: str, folder: Path) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_plot_is_drawn_and_exported(rig, open_page, tmp_path):
     page = open_page("graph")
     page.get_by_test_id("rate_hz").get_by_text("125 Hz").click()

@@ -6,6 +6,7 @@ from playwright.sync_api import Error, expect
 from tests.pendant.conftest import eventually
 
 
+@pytest.mark.long
 def test_tcp_is_saved_and_activated(rig, open_page):
     page, other = open_page("installation"), open_page("installation")
     page.get_by_test_id("tcp-name").fill('gripper "x"')
@@ -21,6 +22,7 @@ def test_tcp_is_saved_and_activated(rig, open_page):
     eventually(lambda: rig.state("tcp_offset") == [0] * 6)
 
 
+@pytest.mark.long
 def test_payload_external_control_and_arm_data(rig, open_page):
     page = open_page("installation")
     page.get_by_test_id("payload-mass").fill("0.5")

@@ -20,6 +20,7 @@ def clear_log(page: Page, lines: Locator) -> bool:
     return True
 
 
+@pytest.mark.long
 def test_stop_is_logged_and_texts_are_escaped(rig, open_page):
     page = open_page("log")
     lines = page.locator(".log-lines .log-line")

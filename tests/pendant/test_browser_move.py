@@ -69,6 +69,7 @@ def type_target(page: Page, test_id_prefix: str, values: tuple[float, ...]) -> N
         page.get_by_test_id(f"{test_id_prefix}-{i}").fill(f"{value:.4f}")
 
 
+@pytest.mark.long
 def test_third_party_client_sees_jogged_joint(bent: Rig, open_page: OpenPage) -> None:
     rtde_receive = pytest.importorskip("rtde_receive")
     page = open_page("move")
@@ -87,6 +88,7 @@ def test_third_party_client_sees_jogged_joint(bent: Rig, open_page: OpenPage) ->
         watcher.disconnect()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", subset(["Space", "Enter"], now=["Space"]))
 def test_held_key_on_button_jogs_until_released(bent: Rig, open_page: OpenPage, key: str) -> None:
     page = open_page("move")
@@ -129,6 +131,7 @@ def choose_feature(page: Page, feature: str) -> None:
     expect(choice).to_have_attribute("data-state", feature.lower())
 
 
+@pytest.mark.long
 def test_tool_moves_along_its_own_axis(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     before = tcp(bent)

@@ -96,6 +96,7 @@ def type_target(page: Page, angles: tuple[float, ...]) -> None:
     page.get_by_test_id("target-plan").click()
 
 
+@pytest.mark.long
 def test_dragged_target_is_planned_and_reached_on_request(bent: Rig, open_page: OpenPage) -> None:
     bent.control.add_object("table", {"plane": {}, "pose": [0.0, 0.0, -0.02]})
     page = plan_tab(open_page)

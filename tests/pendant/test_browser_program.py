@@ -149,6 +149,7 @@ def external_control_program(page: Page, rig: Rig) -> None:
         assert driver.result(60.0) is TrajectoryResult.SUCCESS
 
 
+@pytest.mark.long
 def test_external_control_program_is_created_and_played(rig: Rig, open_page: OpenPage) -> None:
     external_control_program(open_page("program"), rig)
 

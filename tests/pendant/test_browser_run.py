@@ -67,6 +67,7 @@ def test_missing_file_is_reported(open_page):
     expect(page.get_by_text("File not found: nowhere.urp")).to_be_visible()
 
 
+@pytest.mark.long
 def test_error_is_marked_and_text_is_shared_between_browsers(rig, open_page):
     page = open_page("run")
     write(page, "def bad():\n  a = [1, 2]\n  b = a[7]\nend\n")

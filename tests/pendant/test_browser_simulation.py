@@ -60,6 +60,7 @@ def pixel_position(page: Page, name: str = "") -> tuple[float, float]:
     return x, y
 
 
+@pytest.mark.long
 def test_injected_fault_strikes_and_is_listed(rig, open_tab):
     page = open_tab()
     expect(page.get_by_test_id("fault-text")).to_contain_text("Connections are closed")
@@ -133,6 +134,7 @@ def force(rig) -> float:
     return sum(value * value for value in rig.state("actual_TCP_force")[:3]) ** 0.5
 
 
+@pytest.mark.long
 def test_paused_time_is_stepped_without_disconnecting_clients(rig, open_tab):
     page = open_tab()
     try:
@@ -199,6 +201,7 @@ def test_digital_and_analog_inputs_are_set(rig, open_tab):
     rig.control.set_analog_input(1, 0.0)
 
 
+@pytest.mark.long
 def test_safeguard_opens_and_safety_cause_trips(rig, open_tab):
     page = open_tab("safety")
     gate = page.get_by_test_id("device-safeguard")

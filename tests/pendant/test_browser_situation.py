@@ -16,6 +16,7 @@ def show(page: Page, screen: str) -> None:
     page.get_by_test_id(f"tab-{screen}").click()
 
 
+@pytest.mark.long
 def test_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
     try:
         (rig.programs / "count.script").write_text(COUNT)

@@ -122,6 +122,7 @@ def untouched(robot: EmulatorProcess) -> Iterator[None]:
         assert gripper.recv(100) == b"ACT 0\n"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("untouched")
 def test_foreign_page_cannot_use_any_port(robot: EmulatorProcess, foreign_page: str, page: Page) -> None:
     page.goto(foreign_page)

@@ -77,6 +77,7 @@ def test_taken_port_is_reported_and_robot_keeps_running(tmp_path: Path) -> None:
         assert process.poll() is None
 
 
+@pytest.mark.long
 def test_killed_pendant_is_restarted_and_reported() -> None:
     with emulator() as (process, host):
         read_until(process, "Teach pendant of")

@@ -211,6 +211,7 @@ async def viewers_are_counted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None
     assert (await rig.get(f"{OVER}/rgb.jpg")).status == 200
 
 
+@pytest.mark.long
 async def test_the_renderer_exits_without_viewers_and_restarts_when_killed(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

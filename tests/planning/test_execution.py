@@ -63,6 +63,7 @@ async def test_the_arm_goes_around_a_post(model: str, monkeypatch: pytest.Monkey
             await arm.planning.execute(plan)
 
 
+@pytest.mark.long
 async def test_an_obstacle_on_the_path_stops_the_arm_which_continues_on_another_path(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

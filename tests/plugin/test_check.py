@@ -41,6 +41,7 @@ def test_a_healthy_robot(robot: EmulatorProcess) -> None:
     assert "PolyScope 5." in output
 
 
+@pytest.mark.long
 def test_an_older_robot_without_newer_ports_is_healthy() -> None:
     with EmulatorProcess(["--model", "ur3", "--polyscope", "3.5", "--no-control"]) as robot:
         status, output = check(robot.host, "--require", "rtde")

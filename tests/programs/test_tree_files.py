@@ -315,6 +315,7 @@ def test_damaged_and_hostile_files_are_errors(arm, content):
     assert arm.texts[-1] == "alive"
 
 
+@pytest.mark.long
 def test_exponentially_growing_references_are_an_error(arm):
     """Each folder contains the previous folder eight times: 8^10 waits from a few kilobytes."""
     folders = tag("Folder", children(*[sleep(0.1)] * 8), name="0")

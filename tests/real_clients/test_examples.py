@@ -52,6 +52,7 @@ def paced(text: str) -> object:
     return pytest.param(text, marks=pytest.mark.robot_speed(0.25) if "servo" in text else ())
 
 
+@pytest.mark.page
 @pytest.mark.parametrize("text", [paced(text) for text in PROGRAMS], ids=range(len(PROGRAMS)))
 def test_program_of_the_client_page(rig: Rig, text: str, tmp_path: Path) -> None:
     assert PAGE_HOST in text

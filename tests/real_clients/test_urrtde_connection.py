@@ -233,6 +233,7 @@ def test_a_first_session_from_power_on_to_a_move(own_process: Callable[..., Emul
             assert state.settled()["actual_q"] == pytest.approx(target, abs=1e-5)
 
 
+@pytest.mark.long
 def test_clients_survive_a_restart_of_the_controller(own_process: Callable[..., EmulatorProcess]) -> None:
     doomed = own_process("--model", "ur3", "--running")
     control, receive = RTDEControlInterface(doomed.host), RTDEReceiveInterface(doomed.host)

@@ -38,6 +38,7 @@ def test_move_j_arrives(rig: Rig, control: RTDEControlInterface, receive: RTDERe
     assert receive.getTargetQ() == pytest.approx(goal, abs=1e-9)
 
 
+@pytest.mark.long
 @dynamic
 def test_move_l_stays_near_its_line(rig: Rig, control: RTDEControlInterface, receive: RTDEReceiveInterface) -> None:
     start = receive.getActualTCPPose()
@@ -53,6 +54,7 @@ def test_move_l_stays_near_its_line(rig: Rig, control: RTDEControlInterface, rec
     assert receive.getActualTCPPose()[:3] == pytest.approx(goal[:3], abs=TOOL_M)
 
 
+@pytest.mark.long
 @dynamic
 def test_servo_j_is_followed(rig: Rig, control: RTDEControlInterface, receive: RTDEReceiveInterface) -> None:
     q = list(START_Q)

@@ -79,6 +79,7 @@ def test_teach_mode_yields_to_a_push(rig: Rig, control_beside_sensor: RTDEContro
         assert control.enableExternalFtSensor(False)
 
 
+@pytest.mark.long
 @e_series
 def test_freedrive_yields_only_along_its_free_axes(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
     control = control_beside_sensor

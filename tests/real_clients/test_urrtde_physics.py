@@ -33,6 +33,7 @@ def run(example: str, host: str, *more: str) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.long)])
 def test_parts_are_picked_from_a_conveyor(count: int) -> None:
     with cell("conveyor.yaml", "ur5", 2.0) as robot:

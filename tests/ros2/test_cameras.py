@@ -17,6 +17,7 @@ pytestmark = pytest.mark.xdist_group("ros2")
 IMAGE, INFO, FRAMES = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
 
 
+@pytest.mark.long
 async def test_subscribers_get_images_of_one_moment_and_unsubscribed_cameras_are_not_requested() -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     with served_cameras() as served, free_domain() as domain:

@@ -43,6 +43,7 @@ async def test_a_goal_moves_the_arm_and_reports_progress(lab: Lab) -> None:
     assert q(lab) == pytest.approx(shifted(0.4), abs=5e-3)
 
 
+@pytest.mark.long
 async def test_the_robot_interpolates_what_passes_through(lab: Lab) -> None:
     await only(lab, "passthrough_trajectory_controller")
     answer = await follow(lab, "passthrough_trajectory_controller", shifted(-0.3), 1.5)
@@ -173,6 +174,7 @@ def tcp(lab: Lab) -> tuple[float, ...]:
     return tuple(lab.robot.controller.snapshot.actual_TCP_pose)
 
 
+@pytest.mark.long
 async def test_motion_primitives_in_frames_of_the_arm_and_of_others(lab: Lab) -> None:
     needs(EXECUTE_SEQUENCE)
     await only(lab, PRIMITIVES)
@@ -199,6 +201,7 @@ async def test_motion_primitives_in_frames_of_the_arm_and_of_others(lab: Lab) ->
     assert point_dist(tcp(lab), up) < 1e-3
 
 
+@pytest.mark.long
 async def test_motion_primitives_that_make_no_sense_or_are_canceled(lab: Lab) -> None:
     needs(EXECUTE_SEQUENCE)
     good = primitive(JOINT, shifted(0.1), move_time=1.0)
@@ -224,6 +227,7 @@ async def test_motion_primitives_that_make_no_sense_or_are_canceled(lab: Lab) ->
     assert (await lab.peer.request(result=SEQUENCE))["status"] == SUCCEEDED
 
 
+@pytest.mark.long
 async def test_where_a_trajectory_will_be_and_how_fast_its_time_passes(lab: Lab) -> None:
     controller, kind = "joint_trajectory_controller", "control_msgs/srv/QueryTrajectoryState"
     await only(lab, controller)
