@@ -243,7 +243,7 @@ def test_recipes_from_files(tmp_path):
     path.write_text("# nothing")
     with pytest.raises(LocalProtocolError, match="names no variable"):
         RTDECore(path)
-    with pytest.raises(LocalProtocolError, match="not the text"):
+    with pytest.raises(LocalProtocolError, match="not 'timestamp'"):
         RTDECore("timestamp")
 
 
