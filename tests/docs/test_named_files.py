@@ -7,7 +7,16 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
-    *(ROOT / name for name in ("CONTRIBUTING.md", "docs/architecture.md", "docs/robustness.md", "docs/writing.md")),
+    *(
+        ROOT / name
+        for name in (
+            "CONTRIBUTING.md",
+            "docs/architecture.md",
+            "docs/read_first.md",
+            "docs/robustness.md",
+            "docs/writing.md",
+        )
+    ),
     *(
         ROOT / "docs" / "reference" / name
         for name in ("layers.md", "sources.md", "container_tests.md", "ros2_tests.md")
