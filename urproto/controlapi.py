@@ -3,7 +3,7 @@
     robot = RemoteControl("127.0.0.1")
     robot.press_emergency_stop()
 
-Each verb is a method, with the arguments and results that docs/control_verbs.md lists.
+Each verb is a method, with the arguments and results that docs/reference/control_verbs.md lists.
 """
 
 import http.client

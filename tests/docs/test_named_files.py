@@ -48,3 +48,12 @@ def test_named_files_exist(page: Path) -> None:
             missing.add(name)
     modules = re.findall(r"`((?:urproto|urscript|emulator|client)(?:\.\w+)+)`", text)
     assert not missing | {name for name in modules if not is_module(name)}
+
+
+def test_pages_named_in_the_code_exist() -> None:
+    files = [
+        path for package in ("urproto", "urscript", "emulator", "client") for path in (ROOT / package).rglob("*.py")
+    ]
+    named = {name for path in files for name in re.findall(r"docs/[\w/]+\.md", path.read_text(encoding="utf-8"))}
+    assert len(named) > 5
+    assert not [name for name in named if not (ROOT / name).exists()]
