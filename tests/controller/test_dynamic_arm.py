@@ -251,6 +251,7 @@ def test_currents_include_friction_while_moving(make):
     assert rig.now.target_moment[0] == pytest.approx(0.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_friction_heats_the_moving_joint(make):
     turning, resting = (make("ur5e", running=True, dynamic=True, initial_q=BENT) for _ in range(2))
     to_and_fro = "".join(f"  movej([{q}, -1.1, 1.2, -0.8, 0.7, 0.4], a=10, v=3)\n" for q in (6, 0))

@@ -248,6 +248,7 @@ def test_a_program_records_its_own_robot(emulator, tmp_path: Path) -> None:
     assert recording["actual_q"][-1] == pytest.approx(GOAL, abs=1e-3)
 
 
+@pytest.mark.long
 def test_too_fast_is_refused_before_anything_moves(emulator, tmp_path: Path) -> None:
     file = tmp_path / "run.npz"
     with running("record", str(file), "--robot-ip", emulator.host) as process:

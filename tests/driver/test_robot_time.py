@@ -7,7 +7,7 @@ from client.driver import points
 from urproto.external_control import TrajectoryResult
 
 
-@pytest.mark.parametrize("speed", [0.5, 4.0])
+@pytest.mark.parametrize("speed", [0.5, pytest.param(4.0, marks=pytest.mark.long)])
 async def test_the_driver_keeps_step_with_a_slower_and_a_faster_robot(speed):
     async with emulator("ur3", speed=speed) as robot:
         pair = Pair(robot)

@@ -122,6 +122,7 @@ def test_stop_and_reset(passwords: tuple[str, str]) -> None:
     assert dashboard(host(2), "programState").startswith("STOPPED")
 
 
+@pytest.mark.long
 def test_pendants_open_only_with_the_link(passwords: tuple[str, str]) -> None:
     student = Visitor()
     student.log_in(passwords[1])

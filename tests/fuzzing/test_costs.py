@@ -145,6 +145,7 @@ def test_replaced_programs_are_freed_in_steps(monkeypatch: pytest.MonkeyPatch) -
     assert len(steps) > SIZE // 400  # pieces of the long one
 
 
+@pytest.mark.long
 @pytest.mark.timeout(0 if RANDOM_COSTS_COUNT else 120)
 @pytest.mark.parametrize("name", subset(SOURCES, now=TIMED))
 def test_compiling_a_long_text_uses_at_most_half_the_period(name: str) -> None:

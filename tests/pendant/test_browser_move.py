@@ -107,6 +107,7 @@ def test_held_key_on_button_jogs_until_released(bent: Rig, open_page: OpenPage, 
     expect(page.get_by_test_id("activity")).to_have_text("")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lost", subset(["tab", "window", "button"], now=["window"]))
 def test_losing_focus_releases_held_key(bent: Rig, open_page: OpenPage, lost: str) -> None:
     page = open_page("move")

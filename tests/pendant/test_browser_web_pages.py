@@ -135,6 +135,7 @@ def test_foreign_page_cannot_use_any_port(robot: EmulatorProcess, foreign_page: 
     assert len(messages) == 2 * (len(robot.ports) - len(HTTP_PORTS)), "a line a minute for each port and reason"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("untouched")
 def test_dns_rebinding_is_rejected(robot: EmulatorProcess, page: Page) -> None:
     forbidden = 403

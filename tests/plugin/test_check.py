@@ -70,6 +70,7 @@ def test_a_silent_server_and_an_unexpected_server(robot: EmulatorProcess, tmp_pa
     assert "no answer in time" in output
 
 
+@pytest.mark.long
 def test_the_check_waits_for_a_starting_robot() -> None:
     robot = EmulatorProcess(["--model", "ur3"])
     try:

@@ -33,6 +33,7 @@ def test_the_examples_are_found_and_short() -> None:
         assert len(example.read_text().splitlines()) < 60, example.name
 
 
+@pytest.mark.page
 @pytest.mark.parametrize("name", [name for name in NAMES if name != THESIS])
 def test_example(rig: Rig, name: str, tmp_path: Path) -> None:
     done = run(EXAMPLES[0].with_stem(name), rig.host, tmp_path)

@@ -19,6 +19,7 @@ def test_a_second_control_interface_is_refused_without_side_effects(rig: Rig, co
     assert control.moveJ([0.3, -1.4, 1.5, -1.7, -1.5, 0.1], 2.0, 8.0)
 
 
+@pytest.mark.long
 def test_one_control_one_io_and_many_receive_interfaces(rig: Rig, control: RTDEControlInterface) -> None:
     io = RTDEIOInterface(rig.host)
     watchers = [RTDEReceiveInterface(rig.host) for _ in range(3)]

@@ -97,6 +97,7 @@ async def until_contact(lab: Lab, target: Any, seconds: float, **more: Any) -> b
     return bool(answer["accepted"])
 
 
+@pytest.mark.long
 async def test_a_trajectory_until_the_tool_touches_something(lab: Lab) -> None:
     watching = lab.driver.control.manager.controller("tool_contact_controller")
     assert not await until_contact(lab, shifted(0.4), 2.0)  # nobody watches
