@@ -152,9 +152,9 @@ def test_the_wrists_of_the_smallest_arms_accelerate_faster(name: str) -> None:
     assert load_model(name).qdd_max == (40.0, 40.0, 40.0, 80.0, 80.0, 80.0)
 
 
-# torque constants of the motors by joint size, as in the configuration files of a UR5e's controller (2023); the gears
-# are 101:1
-MOTORS_NM_A = {0: 0.035685, 1: 0.07695, 2: 0.10756, 3: 0.098322, 4: 0.11968}
+# torque constants of the motors by joint size, as in the configuration files of a UR5e's controller (2023), but for the
+# smallest, which a recording of a UR3e simulator shows; the gears are 101:1
+MOTORS_NM_A = {0: 0.037543, 1: 0.07695, 2: 0.10756, 3: 0.098322, 4: 0.11968}
 
 
 @pytest.mark.parametrize(
