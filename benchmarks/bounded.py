@@ -50,13 +50,15 @@ ARGUMENTS = {
     "set operational mode": "manual",
 }
 VALUES: dict[str, object] = {
-    "kind": "drop_connection",
-    "port": "rtde",
+    "kind": "int",
     "condition": "timestamp > 0",
     "path": "small.script",
     "text": "set_digital_out(0, True)\n",
     "line": "robotmode",
     "data": "",
+}
+OF_VERB: dict[str, dict[str, object]] = {
+    "inject_fault": {"kind": "drop_connection", "port": "realtime"},  # not the port of the client that measures
 }
 BODIES = {PUT_STATE: "POWER_ON", PUT_PROGRAM_STATE: "stop"}
 OF_TYPE: dict[object, object] = {int: 1, float: 0.5, bool: True, str: "x", list[int]: [1], list[float]: [0.0] * 6}
@@ -127,7 +129,8 @@ def message(method: str, path: str, body: object = None, kind: str = "applicatio
 
 def arguments(verb: Verb) -> dict[str, object]:
     fields = msgspec.structs.fields(verb.parameters)
-    return {each.name: VALUES.get(each.name, OF_TYPE.get(each.type, 1)) for each in fields if each.required}
+    given = {each.name: VALUES.get(each.name, OF_TYPE.get(each.type, 1)) for each in fields if each.required}
+    return given | OF_VERB.get(verb.name, {})
 
 
 def requests() -> Iterator[Case]:
@@ -280,7 +283,11 @@ def measure(case: Case, robot: EmulatorProcess, count: int) -> dict[str, object]
         problem = str(error)
     took_s = time.monotonic() - began
     time.sleep(SETTLE_S)
-    seen, slept = client.report(), loop.report()
+    slept = loop.report()
+    try:
+        seen = client.report()
+    except ValueError:  # it was disconnected, and has no report
+        seen, problem = {"pace": 0.0, "silence_s": took_s}, "the client lost its connection"
     met = seen["pace"] >= LEAST_PACE * slept["pace"] and seen["silence_s"] <= slept["silence_s"] + LONGEST_SILENCE_S
     return {
         "case": case.name,
