@@ -53,10 +53,11 @@ soak: $(VENV)/.dev ## thousands of random programs and hostile robots, then HOUR
 		tests/ros2/test_hostile_robots.py
 	$(BIN)/python benchmarks/chaos.py --hours $(HOURS) mixed
 
-# What enemies and accidents do, against bars; a quarter of an hour or more. ARGS=--quick takes a minute.
-bounded: $(VENV)/.dev ## every command, verb, request and hostile file, against a bare loop: an hour
+# ARGS="dashboard" for the cases with this word in their names.
+bounded: $(VENV)/.dev ## every command, verb, request and hostile file, against a bare loop: half an hour
 	$(BIN)/python benchmarks/bounded.py $(ARGS)
 
+# ARGS=--quick takes a minute.
 chaos: $(VENV)/.dev ## accidents and enemies, against bars: a quarter of an hour
 	$(BIN)/python benchmarks/chaos.py $(ARGS)
 
