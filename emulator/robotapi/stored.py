@@ -1,6 +1,7 @@
 """The stored programs of PolyScope X: ``.urpx`` files of the programs folder, identified by the names in them."""
 
 from collections.abc import Generator
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -23,15 +24,31 @@ def stored_programs(controller: Controller) -> Generator[None, None, list[_Store
     Files that are not programs are omitted, with a note in the log.
     """
     found: dict[str, _Stored] = {}
+    information: UrpxInformation | str
     for path in [DEFAULT_URPX, *_files(controller)]:
         try:
-            information = read_information(read_file(path))
-        except (OSError, UrpxError) as error:
-            controller.messages.note(f"{path.name} is omitted from the programs: {error}")
+            status = path.stat()
+            information = _information(path, status.st_mtime_ns, status.st_size)
+        except OSError as error:
+            information = str(error)
+        if isinstance(information, str):
+            controller.messages.note(f"{path.name} is omitted from the programs: {information}")
         else:
             found[information.name] = path, information
         yield
     return [found[name] for name in sorted(found)]
+
+
+@lru_cache(maxsize=2 * MAX_PROGRAMS)
+def _information(path: Path, modified_ns: int, size: int) -> UrpxInformation | str:
+    """What a file says of its program, or why it is none. It is read once, since any client may ask for all of them.
+
+    Raises OSError.
+    """
+    try:
+        return read_information(read_file(path))
+    except UrpxError as error:
+        return str(error)
 
 
 def _files(controller: Controller) -> list[Path]:
