@@ -5,7 +5,9 @@ every computer. Commands have half of the share, and jobs, which take many perio
 gets the same part of it. What a piece of work costs beyond the share is deducted from the following periods.
 """
 
-from collections.abc import Generator
+import gc
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from typing import Final, Generic, TypeVar
 
 from urscript.work import Steps
@@ -18,6 +20,8 @@ its driver expects the program to call back within 0.5 s.
 """
 
 ResultT = TypeVar("ResultT")
+
+_gc_pauses = 0  # jobs in progress, of all controllers of this process
 
 
 class Job(Generic[ResultT]):
@@ -88,6 +92,24 @@ class WorkShare:
 def in_periods(steps: Steps[ResultT], share: WorkShare) -> Generator[None, None, ResultT | None]:
     """Do work as a job of a robot: yields once per control period and returns the result."""
     job = Job(steps)
-    while not share.work(job):
-        yield
+    with gc_paused():
+        while not share.work(job):
+            yield
     return job.result
+
+
+@contextmanager
+def gc_paused() -> Iterator[None]:
+    """Disable the garbage collector, which would traverse every object of a large file or program in one go.
+
+    None of them is garbage before the job is done, and most of them are freed immediately afterwards.
+    """
+    global _gc_pauses
+    _gc_pauses += 1
+    gc.disable()
+    try:
+        yield
+    finally:
+        _gc_pauses -= 1
+        if not _gc_pauses:
+            gc.enable()

@@ -1,14 +1,11 @@
 """Compiles the texts that clients submit, in slices, so that no control period takes too long."""
 
-import gc
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
 from emulator.builtins import LIBRARIES
-from emulator.workshare import Job, WorkShare
+from emulator.workshare import Job, WorkShare, gc_paused
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import CompiledProgram, compile_steps
@@ -105,26 +102,6 @@ class Compiling:
             submission.refusal = str(error)
         self._job = None
         return self._waiting.popleft()
-
-
-@contextmanager
-def gc_paused() -> Iterator[None]:
-    """Disable the garbage collector, which would traverse every token and node of a large program in one go.
-
-    None of them is garbage before the program is compiled, and most of them are freed immediately afterwards.
-    """
-    global _gc_pauses
-    _gc_pauses += 1
-    gc.disable()
-    try:
-        yield
-    finally:
-        _gc_pauses -= 1
-        if not _gc_pauses:
-            gc.enable()
-
-
-_gc_pauses = 0  # jobs in progress, of all controllers of this process
 
 
 def _work(submission: Submission) -> Steps[CompiledProgram]:

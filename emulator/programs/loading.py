@@ -7,7 +7,7 @@ from typing import Final
 
 from emulator.builtins.host import ProgramServices
 from emulator.machine import Machine
-from emulator.programs.compiling import LIBRARY_SET, Submission, gc_paused
+from emulator.programs.compiling import LIBRARY_SET, Submission
 from emulator.services.urcap import ProgramRequest
 from urproto.versions import PolyscopeVersion
 from urscript.compiler import CompiledProgram, compile_steps
@@ -97,10 +97,7 @@ class Player:
         folder. Raises ProgramLoadError or OSError; the program loaded before then remains.
         """
         machine = self._machine
-        with gc_paused():
-            loaded = yield from load_steps(
-                path, machine.config.programs_dir, machine.installation.file, machine.version
-            )
+        loaded = yield from load_steps(path, machine.config.programs_dir, machine.installation.file, machine.version)
         if by_default and self.loaded is not None:
             return
         for note in loaded.notes:
