@@ -10,7 +10,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import partial, wraps
 from types import NoneType, UnionType
 from typing import Any, Final, Literal, TypeVar, Union, cast, get_args, get_origin
@@ -45,21 +45,13 @@ class Quantity:
     whole: bool = False
     endless: bool = False
     rest: tuple[float, float] | None = None
-    _lows: tuple[float, ...] = field(init=False, repr=False)
-    _highs: tuple[float, ...] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        first, rest = (self.low, self.high), self.rest or (self.low, self.high)
-        ranges = [first if index < 3 else rest for index in range(self.size)]
-        object.__setattr__(self, "_lows", tuple(low for low, _ in ranges))
-        object.__setattr__(self, "_highs", tuple(high for _, high in ranges))
 
     def check(self, value: Any) -> None:
         """Raise LocalProtocolError unless the value is of this quantity."""
         try:
             if self._all_fit(value) if self.size else self._fits(value):
                 return
-        except (TypeError, ValueError):  # not numbers; "abc" <= 1.0 is a TypeError
+        except (TypeError, ValueError, LookupError):  # not numbers; "abc" <= 1.0 is a TypeError
             pass
         raise LocalProtocolError(f"{self.describe()}, not {quoted(value)}")
 
@@ -73,10 +65,10 @@ class Quantity:
             return False
         if hasattr(values, "tolist"):  # numbers of an array are slow to compare
             values = values.tolist()
-        if self.rest is None:  # called for every setpoint; a sum notices what is not a number
-            fit = self.low <= min(values) and max(values) <= self.high and math.isfinite(sum(values))
+        if self.rest is None:
+            fit = _within(values, self.low, self.high)
         else:
-            fit = all(low <= number <= high for number, low, high in zip(values, self._lows, self._highs, strict=True))
+            fit = _within(values[:3], self.low, self.high) and _within(values[3:], *self.rest)
         return fit and (not self.whole or all(number == int(number) for number in values))
 
     def describe(self) -> str:
@@ -84,6 +76,11 @@ class Quantity:
         numbers = f"{self.size} numbers " if self.size else "a whole number " if self.whole else ""
         rest = f" (the last three {_range(*self.rest)})" if self.rest else ""
         return f"{self.name}: {numbers}{_range(self.low, self.high)} {self.unit}".rstrip() + rest
+
+
+def _within(numbers: Sequence[float], low: float, high: float) -> bool:
+    """Called for every setpoint. The sum notices what is not a number."""
+    return low <= min(numbers) and max(numbers) <= high and math.isfinite(sum(numbers))
 
 
 def _six(name: str, unit: str, limit: float, rest: float | None = None) -> Quantity:
@@ -162,7 +159,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "lookahead_s": _LOOKAHEAD,
     "mass_kg": _MASS,
     "max_age_s": _TIME,
-    "max_step_m": Quantity("a step", "m", 1e-4, 10.0),
+    "max_step_m": Quantity("a step", "m", _POSITIVE, 1e9),
     "near_q_rad": _ANGLES,
     "number": _WHOLE,
     "offset_m": _POINT,
@@ -184,7 +181,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "robot_api_port": _PORT,
     "rotation_rad_s": _SPEED,
     "scale": Quantity("a scale", "", _POSITIVE, 100.0),
-    "seed": Quantity("a seed", "", 0, 2**32 - 1, whole=True),
+    "seed": Quantity("a seed", "", 0, 2**31 - 1, whole=True),
     "selection": _AXES,
     "sender_port": _PORT,
     "sensor_mass_kg": _MASS,

@@ -306,7 +306,7 @@ def test_joint_jumps_above_the_threshold_end_a_cartesian_path() -> None:
     for options, why in (
         ({"waypoints": []}, "at least one waypoint"),
         ({"waypoints": [(0.0,) * 5]}, "number 1 of the list: a pose: 6 numbers"),
-        ({"max_step_m": 0.0}, "a step: from 0.0001 to 10 m"),
+        ({"max_step_m": 0.0}, "a step: above 0"),
         ({"jump_threshold": -1.0}, r"from 0 to 1e\+09, not -1"),
         ({"blend_radius_m": float("nan")}, "from 0 to 10 m, not nan"),
     ):

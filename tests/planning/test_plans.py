@@ -140,6 +140,7 @@ def test_impossible_plans_are_refused_with_the_reason() -> None:
     for wrong, message in (
         ({"planner": "A*"}, "unknown planner 'A\\*': choose one of RRTConnect"),
         ({"seed": -1}, "a seed: a whole number from 0"),
+        ({"seed": 2**31}, "a seed: a whole number from 0"),  # OMPL takes 32 bits
         ({"time_limit_s": nan}, "a time limit: above 0"),
         ({"start_rad": (nan, *above[1:])}, "joint angles: 6 numbers .* not .nan"),
         ({"start_rad": above[1:]}, "joint angles: 6 numbers"),
