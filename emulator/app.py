@@ -12,7 +12,7 @@ from collections import ChainMap
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, cast
+from typing import Final
 
 from emulator.clock import Clock, ClockStatistics, RealClock
 from emulator.config import ConfigError, EmulatorConfig
@@ -27,13 +27,13 @@ from emulator.faults.injector import FaultInjector
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
-from emulator.servers.cameras import CameraServer
+from emulator.servers.cameras import CameraServer, has_cameras
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
 from emulator.servers.interpreter import InterpreterServer
 from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
-from emulator.servers.port import PortServer
+from emulator.servers.port import Port, PortServer
 from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.primary_state import robot_state
 from emulator.servers.program_state import ProgramReporter
@@ -48,9 +48,6 @@ from urproto.dashboard import AVAILABLE as DASHBOARD
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
 from urproto.rtde.fields import AVAILABLE as RTDE
-
-if TYPE_CHECKING:
-    from emulator.physics.world import PhysicsWorld
 
 _RETRY_LISTEN_S: Final = 0.5  # between attempts to reopen the ports after an outage (guess)
 
@@ -72,7 +69,8 @@ class Emulator:
         self.config = config
         self.controller = Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
-        self.servers: dict[str, PortServer] = {}
+        self.servers: dict[str, Port] = {}
+        self._control_server: ControlServer | None = None
         self.read_budget = ReadBudget(self.controller.period_s)
         self._send_scheduler = SendScheduler(self.controller.period_s, STATES_PER_SECOND)
         self._rtde_scheduler = SendScheduler(self.controller.period_s)  # control loops don't wait for viewers
@@ -80,15 +78,13 @@ class Emulator:
         real = self.clock if isinstance(self.clock, RealClock) else None
         self._scripts = ScriptPort(lambda: self.controller.snapshot.timestamp)
         self._scripts.read_budget = self.read_budget
-        ports = ChainMap[str, PortServer]({self._scripts.name: self._scripts}, self.servers)
+        ports = ChainMap[str, Port]({self._scripts.name: self._scripts}, self.servers)
         self.faults = FaultInjector(self.controller, ports, real, self)
         self.control = LiveControl(self.controller, real or ManualPace(), self.servers, self.faults)
         if config.control:
-            self.servers["control"] = ControlServer(
-                self.controller, self.control, config.control_token, lambda: metrics(self)
-            )
-            self.servers["control"].limits = config.client_limits
-            self.servers["control"].read_budget = self.read_budget
+            server = ControlServer(self.controller, self.control, config.control_token, lambda: metrics(self))
+            server.limits, server.read_budget = config.client_limits, self.read_budget
+            self.servers["control"] = self._control_server = server
         self.stopped = asyncio.Event()
         self.tool_device = ""
         self.port_fallbacks: dict[str, str] = {}
@@ -120,9 +116,9 @@ class Emulator:
                 self._line, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
             starting.push_async_callback(self._stop_services)
             await self._start_services(self.config.wanted_ports)
-            if "control" in self.servers:
-                starting.push_async_callback(self.servers["control"].stop)
-                await self._open(self.servers["control"], self.config.wanted_ports["control"])
+            if self._control_server is not None:
+                starting.push_async_callback(self._control_server.stop)
+                await self._open(self._control_server, self.config.wanted_ports["control"])
             starting.push_async_callback(self._power.close)
             starting.callback(self.faults.clear_all)
             starting.callback(self.clock.close)
@@ -182,7 +178,7 @@ class Emulator:
     async def _stop_services(self) -> None:
         await self._services.aclose()
 
-    async def _open(self, server: PortServer, port: int) -> None:
+    async def _open(self, server: Port, port: int) -> None:
         """Start a server; some use a free port if theirs is not available.
 
         Otherwise an emulator without administrator rights could not start: it may not listen on Modbus' port 502.
@@ -224,7 +220,7 @@ class Emulator:
         if not self._power.silent:
             controller.programs.stop("the controller was shut down")
 
-    def _own_servers(self) -> list[PortServer]:
+    def _own_servers(self) -> list[Port]:
         return [server for name, server in self.servers.items() if name != "control"]
 
     async def _reboot(self) -> None:
@@ -238,8 +234,8 @@ class Emulator:
         self._renew_servers()
         await self._retry_start_services({name: ports[name] for name in ports if name != "control"})
         self.control.switched_on(self.controller)
-        if "control" in self.servers:
-            self.servers["control"].follow(self.controller)
+        if self._control_server is not None:
+            self._control_server.follow(self.controller)
         self.faults.controller_back(self.controller)
 
     async def _retry_start_services(self, ports: Mapping[str, int]) -> None:
@@ -277,8 +273,8 @@ class Emulator:
         """Advance faults, and verbs of the control API that wait."""
         self._power.periods_off += 1
         self.faults.step()
-        if "control" in self.servers:
-            self.servers["control"].publish(self.controller.snapshot)
+        if self._control_server is not None:
+            self._control_server.publish(self.controller.snapshot)
         if self._power.requested:
             self._power.start_reboot(self._reboot)
 
@@ -327,8 +323,8 @@ class PowerSwitch:
 def make_servers(controller: Controller, *, tool_line: bool = False, cameras: bool = False) -> tuple[PortServer, ...]:
     """Create one server for each port of a controller; none listens yet.
 
-    tool_line: whether to serve the tool's serial line. cameras: whether to serve the cameras in the controller's world,
-    which must be one with physics.
+    tool_line: whether to serve the tool's serial line. cameras: whether to serve the cameras of the controller's world,
+    if it is one with physics.
     """
 
     newest: dict[bool, tuple[Snapshot, bytes]] = {}  # four ports send the same state in a control period
@@ -364,6 +360,6 @@ def make_servers(controller: Controller, *, tool_line: bool = False, cameras: bo
         servers = (*servers, ToolCommunicationServer(controller))
     if controller.gripper is not None:
         servers = (*servers, GripperServer(controller))
-    if cameras:
-        servers = (*servers, CameraServer(controller, cast("PhysicsWorld", controller.world)))
+    if cameras and has_cameras(world := controller.world):
+        servers = (*servers, CameraServer(controller, world))
     return servers

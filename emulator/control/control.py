@@ -5,7 +5,7 @@ such a class; to add a subject, name its class in ``SUBJECTS`` and among the bas
 """
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 from emulator.control.installation import InstallationVerbs
 from emulator.control.modes import ModeVerbs, SignalVerbs
@@ -19,7 +19,7 @@ from emulator.faults.catalogue import kinds, make_fault
 from emulator.faults.fault import FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.machine import ControllerConfig
-from emulator.servers.admission import RejectedClients
+from emulator.servers.port import Port
 from urproto.controlapi import BadArguments, NotPossible
 
 _T = TypeVar("_T")
@@ -65,19 +65,6 @@ class FaultVerbs(Verbs):
     def fault_kinds(self) -> list[dict[str, Any]]:
         """List the kinds of faults: kind, text, occasion on which one strikes, arguments with types and defaults."""
         return kinds()
-
-
-class Port(Protocol):
-    """The part of a server that the verbs use."""
-
-    @property
-    def port(self) -> int: ...
-
-    @property
-    def peers(self) -> list[str]: ...
-
-    @property
-    def turned_away(self) -> RejectedClients: ...
 
 
 class PortVerbs(Verbs):

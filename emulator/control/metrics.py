@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 from emulator.clock import ClockStatistics
 from emulator.controller import Controller
-from emulator.servers.port import PortServer
+from emulator.servers.port import Port
 from emulator.servers.read_budget import ReadBudget
 
 CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
@@ -29,7 +29,7 @@ class Observed(Protocol):
     def controller(self) -> Controller: ...
 
     @property
-    def servers(self) -> Mapping[str, PortServer]: ...
+    def servers(self) -> Mapping[str, Port]: ...
 
     @property
     def statistics(self) -> ClockStatistics | None: ...
@@ -97,7 +97,7 @@ def _budgets(controller: Controller, reading: ReadBudget) -> Iterator[Metric]:
     yield Metric("queue_length", "gauge", "Commands and programs that have arrived and are not answered.", queues)
 
 
-def _clients(servers: Mapping[str, PortServer]) -> Iterator[Metric]:
+def _clients(servers: Mapping[str, Port]) -> Iterator[Metric]:
     clients = {_label("port", name): len(server.connections) for name, server in servers.items()}
     yield Metric("clients", "gauge", "Clients of each port.", clients)
     unsent = {_label("port", name): _unsent(server) for name, server in servers.items()}
@@ -110,7 +110,7 @@ def _clients(servers: Mapping[str, PortServer]) -> Iterator[Metric]:
     yield Metric("clients_rejected_total", "counter", "Clients that each port has rejected, by reason.", rejected)
 
 
-def _unsent(server: PortServer) -> int:
+def _unsent(server: Port) -> int:
     return sum(connection.undelivered for connection in server.connections)
 
 

@@ -26,7 +26,7 @@ from typing import Annotated, ClassVar, Final, Protocol, TypeAlias, TypeVar
 from msgspec import Meta
 
 from emulator.controller import Controller
-from emulator.servers.port import PortServer
+from emulator.servers.port import Port
 from urproto.modes import JointMode, RobotMode, RuntimeState, ToolMode
 
 _ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
@@ -85,11 +85,11 @@ class Site:
     """The robot on which faults act. Faults that need ports, clock or machine are impossible without them."""
 
     controller: "Controller"
-    servers: Mapping[str, PortServer] = field(default_factory=dict)
+    servers: Mapping[str, Port] = field(default_factory=dict)
     rate: Rate | None = None
     machine: Machine | None = None
 
-    def server(self, name: str) -> PortServer:
+    def server(self, name: str) -> Port:
         """The server of a port. Raises FaultImpossibleError."""
         if not self.servers:
             raise FaultImpossibleError("this robot has no ports")

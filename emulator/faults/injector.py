@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from emulator.faults.catalogue import checked, describe
 from emulator.faults.fault import Act, Fault, FaultError, FaultImpossibleError, Machine, Rate, Site, Strikes
-from emulator.servers.port import PortServer
+from emulator.servers.port import Port
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -70,7 +70,7 @@ class FaultInjector:
     def __init__(
         self,
         controller: "Controller",
-        servers: Mapping[str, PortServer] | None = None,
+        servers: Mapping[str, Port] | None = None,
         rate: Rate | None = None,
         machine: Machine | None = None,
     ) -> None:

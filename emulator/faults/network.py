@@ -10,7 +10,7 @@ from msgspec import Meta
 from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, added, register
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
-from emulator.servers.port import PortServer
+from emulator.servers.port import Port
 
 NotNegative = Annotated[float, Meta(ge=0.0)]
 _ONLY_BY_NAME = "control"  # faults of all ports omit it, because faults are cleared through it
@@ -28,7 +28,7 @@ class PortFault(Fault):
     def check(self, site: Site) -> None:
         self.servers(site)
 
-    def servers(self, site: Site) -> list[PortServer]:
+    def servers(self, site: Site) -> list[Port]:
         """The servers of the affected ports."""
         if self.port:
             return [site.server(self.port)]
@@ -40,7 +40,7 @@ class PortFault(Fault):
 class ListenerFault(PortFault):
     """A fault that closes the port for a while."""
 
-    def servers(self, site: Site) -> list[PortServer]:
+    def servers(self, site: Site) -> list[Port]:
         """The affected servers that listen."""
         found = [server for server in super().servers(site) if server.port]
         if not found:

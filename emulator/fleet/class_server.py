@@ -17,7 +17,7 @@ from functools import partial
 from multiprocessing.connection import Connection as Link
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import msgspec
 
@@ -43,7 +43,7 @@ from emulator.servers.http import (
     check_type,
     is_local,
 )
-from emulator.servers.port import PortServer, ServedController
+from emulator.servers.port import Port
 from urproto.backdoors import BackdoorMark
 from urproto.compat import Self
 from urproto.controlapi import BadArguments, NoControlError, NotPossible
@@ -80,11 +80,11 @@ class _Command(msgspec.Struct):
     name: str = ""
 
 
-class ClassServer(PortServer):
+class ClassServer(Port):
     """Serves the page. passwords: by role, ``teacher`` and ``student``."""
 
     def __init__(self, robots: Sequence[ClassRobot], passwords: Mapping[str, str], running: AsyncExitStack) -> None:
-        super().__init__("class page", cast(ServedController, None))
+        super().__init__("class page")
         self.robots = robots
         self.passwords = passwords
         self.sessions = {secrets.token_urlsafe(): role for role in passwords}
@@ -95,13 +95,6 @@ class ClassServer(PortServer):
         self._watched_s = -_UNWATCHED_S
         self._watching = asyncio.Event()
         running.callback(self._threads.shutdown)
-
-    @property
-    def robot_time_s(self) -> float:
-        return 0.0
-
-    def _subscribe(self) -> None:
-        """There is no controller, whose periods a port usually publishes."""
 
     def connect(self) -> Connection:
         return _ClassConnection(self)

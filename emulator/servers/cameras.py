@@ -8,7 +8,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeGuard
 from urllib.parse import parse_qs, unquote
 
 from emulator.servers.camera_drawing import MAX_HZ, Drawing, DrawingError, Picture
@@ -33,6 +33,7 @@ from urproto.errors import RemoteProtocolError
 
 if TYPE_CHECKING:
     from emulator.physics.world import PhysicsWorld
+    from emulator.world.world import World
 
 _DEFAULT_HZ: Final = 10.0
 _MIN_HZ: Final = 0.01
@@ -54,6 +55,11 @@ _PAGE_ENTRY: Final = """<h2>{name}</h2>
 <p><img src="{picture}" width="{width}" height="{height}" alt="Live picture of camera {name}"></p>
 <p>{links}</p>"""
 _NO_CAMERAS: Final = "<p>The scene has no cameras. Add them to the world file, section <code>cameras</code>.</p>"
+
+
+def has_cameras(world: "World | None") -> TypeGuard["PhysicsWorld"]:
+    """Whether a world is one with physics, which may have cameras. Does not import the physics engine."""
+    return hasattr(world, "cameras")
 
 
 class CameraServer(PortServer):

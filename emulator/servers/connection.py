@@ -47,7 +47,7 @@ _WRONG_PORT: Final = {
 _logger = logging.getLogger(__name__)
 
 
-class Port(Protocol):
+class Owner(Protocol):
     """The part of a port that its connections use."""
 
     name: str
@@ -81,7 +81,7 @@ class Connection(asyncio.BufferedProtocol):
     patient = True
     outlives_client = True
 
-    def __init__(self, server: Port) -> None:
+    def __init__(self, server: Owner) -> None:
         self.server = server
         self._transport: asyncio.Transport | None = None
         self._read_buffer = bytearray(_READ_BYTES)

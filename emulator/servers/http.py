@@ -23,7 +23,7 @@ import h11
 import msgspec
 
 from emulator.servers.connection import Connection
-from emulator.servers.port import PortServer
+from emulator.servers.port import Port
 from urproto.text import from_bytes, readable_in
 
 JSON: Final = "application/json"
@@ -92,7 +92,7 @@ class HttpConnection(Connection):
     outlives_client = False
     max_body = 4 * 1024 * 1024
 
-    def __init__(self, server: PortServer) -> None:
+    def __init__(self, server: Port) -> None:
         super().__init__(server)
         self._http = h11.Connection(h11.SERVER)
         self._request: h11.Request | None = None

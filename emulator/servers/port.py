@@ -1,4 +1,4 @@
-"""A port: accepts clients, and publishes state to all of them.
+"""A port, which accepts clients, and a port of a controller, which publishes state to all of them.
 
 Requests of one connection are executed in order, a few per control period. While too many wait, nothing more is read
 from the connection (`emulator.servers.command_queue`).
@@ -48,28 +48,23 @@ class ServedController(Protocol):
     def subscribe(self, callback: Callable[[Snapshot], None]) -> Callable[[], None]: ...
 
 
-class PortServer:
+class Port:
     """Listens on one port and owns the connections to it.
 
-    limits: maximum number of connections. turned_away: counts of clients that were rejected. read_budget and
-    send_scheduler: limit the time spent on reading from clients and on sending state to them. reported: the bugs that
-    the log has described.
+    limits: maximum number of connections. turned_away: counts of clients that were rejected. read_budget: limits the
+    time spent on reading from clients. reported: the bugs that the log has described.
     """
 
-    def __init__(self, name: str, controller: ServedController) -> None:
+    def __init__(self, name: str) -> None:
         self.name = name
-        self.controller = controller
         self.hooks = Hooks[Connection]()
         self.limits = ClientLimits()
         self.turned_away = RejectedClients(name)
         self.read_budget = ReadBudget()
-        self.send_scheduler = SendScheduler()
         self.reported = ReportedErrors()
         self.connections: list[Connection] = []
         self._clients: dict[Connection, str] = {}  # with their addresses, including those that are being accepted
         self._accepting: set[asyncio.Task[object]] = set()
-        self._publishes = False
-        self._unsubscribe: Callable[[], None] | None = None  # while it publishes and there is a client
         self._listening: Acceptor | None = None
         self._address = ("", 0)
         self._returning: asyncio.Task[None] | None = None
@@ -78,20 +73,10 @@ class PortServer:
         """The protocol object of a new connection."""
         return Connection(self)
 
-    def publish(self, snapshot: Snapshot) -> None:
-        """Send state: called after each control period while clients are connected."""
-
-    def _on_period(self, snapshot: Snapshot) -> None:
-        """Publish. An error, after which this port may be silent, is reported through the other ports."""
-        try:
-            self.publish(snapshot)
-        except Exception as error:
-            self.controller.post(ServingFailed(self.name, error))
-
     @property
     def robot_time_s(self) -> float:
-        """Uptime of the controller at the end of its last control period [s]."""
-        return self.controller.snapshot.timestamp
+        """Uptime of the controller [s], for the log; 0 for a port that belongs to none."""
+        return 0.0
 
     @property
     def port(self) -> int:
@@ -111,26 +96,8 @@ class PortServer:
     async def start(self, host: str, port: int) -> None:
         """Listen; port 0 selects a free port. Raises OSError that names the port and the reason."""
         await self._listen(host, port)
-        self._publishes = True
-        self._subscribe()
 
-    def follow(self, controller: ServedController) -> None:
-        """Serve another controller from now on."""
-        self._end_subscription()
-        self.controller = controller
-        self._subscribe()
-
-    def _subscribe(self) -> None:
-        """Subscribe to the control periods if there are clients to publish to."""
-        if self._unsubscribe is None and self._publishes and self.connections:
-            self._unsubscribe = self.controller.subscribe(self._on_period)
-
-    def _end_subscription(self) -> None:
-        if self._unsubscribe is not None:
-            self._unsubscribe()
-            self._unsubscribe = None
-
-    def take_over(self, other: "PortServer") -> None:
+    def take_over(self, other: "Port") -> None:
         """Take over hooks, counts and, until this server listens, the port of its predecessor."""
         self.hooks, self.turned_away, self._address = other.hooks, other.turned_away, other._address
 
@@ -148,9 +115,7 @@ class PortServer:
             await asyncio.sleep(0)
 
     def leave(self) -> None:
-        """Stop accepting clients and publishing; connections stay open."""
-        self._publishes = False
-        self._end_subscription()
+        """Stop accepting clients; connections stay open."""
         self.close_port()
 
     def close_port(self) -> None:
@@ -211,16 +176,77 @@ class PortServer:
     def client_connected(self, connection: Connection) -> None:
         """Register a client that has connected."""
         self.connections.append(connection)
-        self._subscribe()
 
     def client_disconnected(self, connection: Connection) -> None:
         """Forget a client that has disconnected."""
         self._clients.pop(connection, None)
-        self.send_scheduler.remove(connection)
         if connection in self.connections:
             self.connections.remove(connection)
+
+
+class PortServer(Port):
+    """A port of a controller, whose state it publishes.
+
+    send_scheduler: limits the time spent on sending state to clients.
+    """
+
+    def __init__(self, name: str, controller: ServedController) -> None:
+        super().__init__(name)
+        self.controller = controller
+        self.send_scheduler = SendScheduler()
+        self._publishes = False
+        self._unsubscribe: Callable[[], None] | None = None  # while it publishes and there is a client
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Send state: called after each control period while clients are connected."""
+
+    def _on_period(self, snapshot: Snapshot) -> None:
+        """Publish. An error, after which this port may be silent, is reported through the other ports."""
+        try:
+            self.publish(snapshot)
+        except Exception as error:
+            self.controller.post(ServingFailed(self.name, error))
+
+    @property
+    def robot_time_s(self) -> float:
+        return self.controller.snapshot.timestamp
+
+    async def start(self, host: str, port: int) -> None:
+        await super().start(host, port)
+        self._publishes = True
+        self._subscribe()
+
+    def follow(self, controller: ServedController) -> None:
+        """Serve another controller from now on."""
+        self._end_subscription()
+        self.controller = controller
+        self._subscribe()
+
+    def leave(self) -> None:
+        """Stop accepting clients and publishing; connections stay open."""
+        self._publishes = False
+        self._end_subscription()
+        super().leave()
+
+    def client_connected(self, connection: Connection) -> None:
+        super().client_connected(connection)
+        self._subscribe()
+
+    def client_disconnected(self, connection: Connection) -> None:
+        super().client_disconnected(connection)
+        self.send_scheduler.remove(connection)
         if not self.connections:
             self._end_subscription()
+
+    def _subscribe(self) -> None:
+        """Subscribe to the control periods if there are clients to publish to."""
+        if self._unsubscribe is None and self._publishes and self.connections:
+            self._unsubscribe = self.controller.subscribe(self._on_period)
+
+    def _end_subscription(self) -> None:
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = None
 
 
 def _listen(name: str, host: str, port: int) -> socket.socket:

@@ -13,10 +13,10 @@ import os
 import socket
 from collections.abc import Awaitable, Callable, Mapping
 from ipaddress import IPv6Address, ip_address
-from typing import Final, cast
+from typing import Final
 
 from emulator.servers.connection import Connection
-from emulator.servers.port import PortServer, ServedController
+from emulator.servers.port import Port
 from emulator.services.sockets import ScriptNetwork, SocketState
 from urproto.backdoors import LOOPBACK_OF, is_backdoor
 
@@ -44,11 +44,11 @@ class OwnPorts:
 _logger = logging.getLogger(__name__)
 
 
-class ScriptPort(PortServer):
+class ScriptPort(Port):
     """Holds the connections of scripts and their hooks. robot_time: returns the uptime [s] of the controller."""
 
     def __init__(self, robot_time: Callable[[], float] = lambda: 0.0) -> None:
-        super().__init__("scripts", cast(ServedController, None))  # it neither publishes states nor sends commands
+        super().__init__("scripts")
         self._robot_time = robot_time
 
     @property
@@ -143,7 +143,7 @@ class _ScriptConnection(Connection):
     most_undelivered = 2 * _MAX_UNSENT  # not reached: sends of the script fail before
     for_browsers = True  # the script opened the connection: the peer may send anything, also what a browser sends
 
-    def __init__(self, server: PortServer, owner: "_NetworkSocket") -> None:
+    def __init__(self, server: Port, owner: "_NetworkSocket") -> None:
         super().__init__(server)
         self._owner = owner
 
@@ -161,7 +161,7 @@ class _ScriptConnection(Connection):
 class _NetworkSocket:
     def __init__(
         self,
-        port: PortServer,
+        port: Port,
         permitted: Callable[[str, int], Awaitable[list[tuple[str, int]]]],
         on_closed: Callable[["_NetworkSocket"], None],
     ) -> None:
