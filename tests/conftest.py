@@ -25,12 +25,15 @@ CHUNK = 16  # tests that a worker gets at a time; pytest-xdist's default, a shar
 # worker idle for minutes while the other one runs most of those in real time
 IN_REAL_TIME = "in real time"  # the group of tests that share one worker
 
-RUNTIME: list[str] = []  # the runtime folder, so that tests find only their own controller managers
+RUNTIME: list[str] = []  # folder for runtime and temporary files: tests find only their own controller managers, and
+# the reports and programs that emulators would leave for their users go with it
 
 
 def pytest_configure(config: pytest.Config) -> None:
     RUNTIME.append(tempfile.mkdtemp(prefix="ur"))  # short, as the paths of Unix sockets have to be
     os.environ["XDG_RUNTIME_DIR"] = RUNTIME[0]
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())  # pytest keeps the last three tmp_paths
+    os.environ["TMPDIR"] = tempfile.tempdir = RUNTIME[0]
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background, which processes inherit
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, "maxschedchunk", CHUNK) is None:
@@ -54,6 +57,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_unconfigure(config: pytest.Config) -> None:
     while RUNTIME:
         shutil.rmtree(RUNTIME.pop(), ignore_errors=True)
+    tempfile.tempdir = None
+    os.environ.pop("TMPDIR", None)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
