@@ -5,7 +5,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
-from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,6 +21,7 @@ from emulator.services.urcap import DriverAddress
 from emulator.world.file import read_world
 from emulator.world.world import Plan, WorldError
 from urproto import robots
+from urproto.addresses import is_loopback
 from urproto.dashboard import AVAILABLE as DASHBOARD_SERVER
 from urproto.extras import how_to_install
 from urproto.facts import Personality
@@ -390,14 +390,6 @@ def check_enforced_remote_control(wanted: bool, model: RobotModel) -> bool:
             f"{model.title} is a {model.series.value} arm without remote control: leave out --enforce-remote-control"
         )
     return wanted
-
-
-def is_loopback(host: str) -> bool:
-    """Whether a server that listens on this address can be reached from this machine only."""
-    try:
-        return host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def read_programs_dir(path: Path | None) -> Path | None:

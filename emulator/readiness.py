@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from urproto.addresses import local_address
 from urproto.compat_asyncio import timeout
 from urproto.dashboard import GREETING, LineDecoder
 from urproto.errors import RemoteProtocolError
@@ -64,7 +65,6 @@ _RTDE_RATE_HZ: Final = 10.0
 _RTDE_INPUT: Final = "speed_slider_mask"  # every driver writes it
 _SILENCE_S: Final = 0.5  # guess: longer than any network and any controller under load
 _UNCONFIRMED: Final = rows("safety_setup.unconfirmed")[0].value.encode()
-_UNSPECIFIED: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listens on all: connect to loopback
 
 
 class NotReady(Exception):  # noqa: N818 - named for what is the case
@@ -305,7 +305,7 @@ async def check_ready(
     elsewhere: addresses of servers that do not listen on host. Raises NotReady, which names the port and the problem.
     """
     hosts = {name: (elsewhere or {}).get(name, host) for name in ports}
-    checks = (probe(name, _UNSPECIFIED.get(hosts[name], hosts[name]), ports[name], timeout_s) for name in ports)
+    checks = (probe(name, local_address(hosts[name]), ports[name], timeout_s) for name in ports)
     for finding in await asyncio.gather(*checks):
         if finding.error is not None:
             raise NotReady(f"{finding.name} port {finding.port} on {finding.host}: {finding.text}") from finding.error

@@ -125,7 +125,7 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.app",
     "emulator.cli",
     "emulator.options",
-    "emulator.serve",
+    "emulator.pendant_process",
     "emulator.script_run",
     "emulator.serve",
     "emulator.readiness",

@@ -9,11 +9,8 @@ known).
 import socket
 import sys
 from ipaddress import IPv4Address, IPv6Address, ip_address
-from typing import Final
 
-LOOPBACK_OF: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}
-"""The address at which a system reaches a local port that listens on all addresses."""
-
+from urproto.addresses import local_address
 
 _marked: set[str] = set()  # by this process
 
@@ -51,7 +48,7 @@ def is_backdoor(address: str, port: int) -> bool:
     scope_free = ip_address(address.partition("%")[0])
     mapped = scope_free.ipv4_mapped if isinstance(scope_free, IPv6Address) else None
     target: IPv4Address | IPv6Address = mapped or scope_free
-    numeric = LOOPBACK_OF.get(str(target), str(target))
+    numeric = local_address(str(target))
     anywhere = "0.0.0.0" if target.version == 4 else "::"
     return _is_marked(_name_of(numeric, port)) or (
         _is_marked(_name_of(anywhere, port)) and _is_local(numeric, target.version)

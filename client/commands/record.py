@@ -1,7 +1,6 @@
 """``ur-client record``, ``stream``, ``convert``, ``plot``, ``replay`` and ``describe``: recordings and live data."""
 
 import asyncio
-import ipaddress
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -43,6 +42,7 @@ from client.recording.plots import deviations, draw
 from client.recording.recording import Recording
 from client.recording.timestamps import Stamps
 from client.robot import Robot
+from urproto.addresses import is_loopback
 from urproto.durable import write_file
 from urproto.errors import RobotRefused, URError
 from urproto.robots import UnknownModelError, load_model
@@ -167,16 +167,8 @@ def check_and_confirm(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool
     if arm is None:
         raise RobotRefused("replay", "it does not report its limits", "check that its primary port (30001) answers")
     path.check(arm)
-    if not yes and not _on_this_machine(robot_ip):
+    if not yes and not is_loopback(robot_ip):  # a real robot never is
         _confirm(robot_ip, robot, path)
-
-
-def _on_this_machine(address: str) -> bool:
-    """Whether the address is this machine's own: a real robot never is."""
-    try:
-        return address == "localhost" or ipaddress.ip_address(address).is_loopback
-    except ValueError:  # a name
-        return False
 
 
 def _confirm(address: str, robot: Robot, path: JointPath) -> None:

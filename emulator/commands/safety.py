@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from emulator.controller import Controller
 from emulator.mailbox import Command
 from emulator.safety.causes import Cause
-from emulator.safety.conditions import SafetyDevice
+from emulator.safety.signals import SafetyDevice
 from emulator.snapshot import plausible
 from urproto.modes import RuntimeState
 from urproto.robots.model import Joints

@@ -11,7 +11,7 @@ from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.causes import CAUSES, Cause
-from emulator.safety.conditions import SafetyDevice
+from emulator.safety.signals import SafetyDevice
 from emulator.snapshot import plausible
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import AnalogDomain

@@ -11,8 +11,8 @@ from math import cos, sin
 from typing import Any, Final
 
 from emulator.config import EmulatorConfig
-from emulator.serve import Pendant
-from urproto.backdoors import LOOPBACK_OF
+from emulator.pendant_process import Pendant
+from urproto.addresses import local_address
 from urproto.compat_asyncio import timeout
 from urproto.controlapi import ControlClient, NoControlError, NotPossible
 from urproto.ports import PENDANT_PORT
@@ -124,8 +124,7 @@ class ClassRobot:
         self._pendant_changed.set()
 
     def _connect(self) -> ControlClient:
-        host = self._config.host_of("control")
-        host = LOOPBACK_OF.get(host, host)
+        host = local_address(self._config.host_of("control"))
         return ControlClient(host, self._ports["control"], self._config.control_token, _TIMEOUT_S)
 
     def _clients(self, connections: Mapping[str, Sequence[str]]) -> list[str]:
@@ -141,7 +140,7 @@ class ClassRobot:
     def _browsers(self) -> list[str]:
         if self._pendant is None or self._pendant.report()["state"] != "running":
             return []
-        host = LOOPBACK_OF.get(self._config.host, self._config.host)
+        host = local_address(self._config.host)
         pendant = http.client.HTTPConnection(host, self._pendant_port, timeout=_TIMEOUT_S)
         try:
             pendant.request("GET", "/browsers", headers={"Cookie": f"pendant_{self._pendant_port}={self._key}"})

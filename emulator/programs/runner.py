@@ -22,7 +22,7 @@ from math import ceil
 from pathlib import Path
 from typing import Any, Final
 
-from emulator.builtins.host import ProgramHost, ProgramServices, StepHook
+from emulator.builtins.host import ProgramHost, StepHook
 from emulator.lifecycle.runstate import RTDE_WATCHDOG, RunEvent, next_run_state
 from emulator.machine import Machine
 from emulator.programs.breakpoints import Breakpoints
@@ -30,16 +30,17 @@ from emulator.programs.compiling import Compiling, Submission
 from emulator.programs.interpreter import Interpreter
 from emulator.programs.loading import LoadedProgram, Player
 from emulator.programs.overrun import watch
+from emulator.programs.secondary import SecondaryPrograms
+from emulator.programs.view import ProgramView
 from emulator.services.outputs import RunstateOutputs
 from emulator.services.sockets import NoNetwork, ScriptSocketBackend
 from emulator.services.watchdog import MotionHistory, Watchdogs
 from emulator.snapshot import Snapshot
 from urproto.modes import RuntimeState, SafetyMode
-from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED, ProgramThread
+from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_STARTED, PROGRAM_STOPPED
 from urproto.versions import Series
 from urscript.compiler import CompiledProgram
 from urscript.runtime import Runtime
-from urscript.values import Value
 from urscript.work import Steps, run_to_end
 
 _SOCKET_GAP_S: Final = 0.012  # from closing sockets to the next program; the official driver needs more than 0.2 ms
@@ -53,110 +54,6 @@ _MAX_WARNINGS: Final = 100  # of one program, in the log
 _NOT_READY: Final = "power the arm on, release its brakes, clear any stop"
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
-_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title observed on a real controller
-
-
-class ProgramView:
-    """A view of a main program. ``number`` counts started programs, so that two runs of one program differ."""
-
-    def __init__(self, number: int, runtime: Runtime) -> None:
-        self.number = number
-        self._runtime = runtime
-
-    @property
-    def program(self) -> CompiledProgram:
-        """The program that runs, or ran."""
-        return self._runtime.program
-
-    @property
-    def running(self) -> bool:
-        """False when the program is over."""
-        return not self._runtime.finished
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the global variables."""
-        return self._runtime.program.global_names
-
-    def values(self, start: int, stop: int) -> list[Value]:
-        """Values of a range of variables, in the order of the names; None for those without a value."""
-        return self._runtime.values(start, stop)
-
-    @property
-    def labelled(self) -> bool:
-        """Whether the program has any labels."""
-        return bool(self._runtime.program.labels)
-
-    @property
-    def threads(self) -> tuple[ProgramThread, ...]:
-        """Present label of each thread; number 0 and no text before its first label."""
-        return tuple(
-            ProgramThread(*(thread.label or (0, "")), thread.name.removeprefix("t_"))
-            for thread in self._runtime.threads
-        )
-
-
-class SecondaryPrograms:
-    """Runs ``sec`` programs, each within one control period.
-
-    Time stands still for a program whose socket is connecting. A controller waits for the peer's answer within its
-    period; here, the answer arrives between two periods at the earliest.
-    """
-
-    def __init__(self, machine: Machine, services: ProgramServices) -> None:
-        self._machine = machine
-        self._services = services
-        self._new: list[CompiledProgram] = []
-        self._connecting: list[tuple[Runtime, ProgramHost]] = []
-
-    def __bool__(self) -> bool:
-        """Whether a program waits for its period, or for a connection."""
-        return bool(self._new or self._connecting)
-
-    def add(self, program: CompiledProgram) -> None:
-        """Run a program in this period, or the next."""
-        self._new.append(program)
-
-    def clear(self) -> None:
-        """Discard all programs."""
-        for _, host in self._connecting:
-            host.sockets.close_all()
-        self._new, self._connecting = [], []
-
-    def run(self, main: "ProgramHost | None") -> None:
-        """Run all programs; ``main``: host of the running main program, whose sockets they share."""
-        if not self:
-            return
-        programs, self._new = self._new, []
-        connecting, self._connecting = self._connecting, []
-        for runtime, host in (*connecting, *(self._prepare(program, main) for program in programs)):
-            runtime.step()
-            if host.connecting and not runtime.finished:
-                self._connecting.append((runtime, host))
-            else:
-                self._end(runtime, host, shared=main is not None and host.sockets is main.sockets)
-
-    def _prepare(self, program: CompiledProgram, main: "ProgramHost | None") -> tuple[Runtime, ProgramHost]:
-        host = ProgramHost(self._machine, self._services, name=program.name, secondary=True)
-        if main is not None:
-            host.sockets = main.sockets
-        runtime = Runtime(program, host)
-        host.attach(runtime)
-        return runtime, host
-
-    def _end(self, runtime: Runtime, host: ProgramHost, *, shared: bool) -> None:
-        if (problem := _problem(runtime, runtime.program)) is not None:
-            self._machine.messages.key(_EXCEPTION, problem)
-        runtime.stop()
-        host.withdraw_dialogues()
-        if not shared:
-            host.sockets.close_all()
-
-
-def _problem(runtime: Runtime, program: CompiledProgram) -> str | None:
-    if runtime.error is not None:
-        return runtime.error.message
-    return None if runtime.finished else f"{program.name} takes physical time: Runtime is too much behind"
 
 
 class Programs:

@@ -6,8 +6,6 @@ what the new safety mode requires: stop categories, the state of the program, th
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import hypot, remainder, tau
 from typing import Final
 
 from emulator.lifecycle.power import PowerEvent, PowerState
@@ -15,107 +13,27 @@ from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import STOP_CATEGORY, SafetyEvent, StopCategory
 from emulator.machine import Machine
 from emulator.safety.causes import Cause
-from emulator.safety.conditions import Conditions, SafetyDevice, SafetyInputs, drive_outputs
+from emulator.safety.conditions import Conditions
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
+from emulator.safety.signals import SafetyDevice, SafetyInputs, drive_outputs, output_levels
+from emulator.safety.stop_monitor import StopMonitor, StopRecord
 from emulator.safety.supervision import Finding, Supervision
 from emulator.snapshot import Snapshot
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
-from urproto.vectors import Vector6
 from urproto.versions import Availability
 from urscript.polyscope.safety_configuration import (
     RECOVERY_LIMITS,
     LimitSet,
     SafetyConfiguration,
     SafetyInput,
-    SafetyOutput,
     simulator_configuration,
 )
 
-_STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes at most 500 ms
-_REST_RAD_S: Final = 0.2  # CB3 manual: a slower joint counts as standing
-_MOVING_RAD_S: Final = 0.1  # user manual: output "robot moving"
-_HOME_RAD: Final = 0.0297  # 1.7 degrees: e-Series manual, safe home
 _STOPS_COUNTED_S: Final = 8 * 3600.0
 _MAX_STOPS: Final = 50  # dashboard manual, on C163
 _ENABLING_BIT: Final = Availability.since(None, "5.25")
 _HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
-
-
-@dataclass(slots=True)
-class StopRecord:
-    """Record of a stop: category, duration, and the distance travelled by the tool [m]."""
-
-    category: StopCategory
-    mode: SafetyMode
-    began_s: float
-    duration_s: float = 0.0
-    distance_m: float = 0.0
-    done: bool = False
-
-
-class StopMonitor:
-    """Monitors stops. last: the stop in progress, or the last one."""
-
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
-        self.last: StopRecord | None = None
-
-    def begin(self, category: StopCategory, mode: SafetyMode) -> None:
-        """A stop of the arm begins."""
-        self.last = StopRecord(category, mode, self._machine.time_s)
-
-    def end(self) -> None:
-        """The stop is over, even if it was released before the arm stood still: the arm may move again."""
-        if self.last is not None:
-            self.last.done = True
-
-    def follow(self) -> bool:
-        """Advance one control period; returns True if the stop takes too long."""
-        stop, machine = self.last, self._machine
-        if stop is None or stop.done:
-            return False
-        stop.duration_s = machine.time_s - stop.began_s
-        stop.distance_m += hypot(*machine.arm.tcp_speed[:3]) * machine.period_s
-        stop.done = machine.standing
-        if stop.done:
-            machine.messages.note(
-                f"{stop.mode.name}: stop category {stop.category.value} took {stop.duration_s:.3f} s, "
-                f"the tool travelled {stop.distance_m:.3f} m"
-            )
-            return False
-        stop.done = stop.duration_s > _STOP_WITHIN_S and self._too_slow(stop)
-        return stop.done
-
-    def _too_slow(self, stop: StopRecord) -> bool:
-        """Whether the arm, when a stop should be over, still moves without its brakes or a soft stop being active."""
-        machine = self._machine
-        soft = stop.mode is SafetyMode.SAFEGUARD_STOP and not machine.motion.hard_transitions
-        monitored = stop.category is not StopCategory.POWER_REMOVED and not soft
-        return monitored and max(map(abs, machine.arm.qd)) > _REST_RAD_S
-
-
-def output_levels(machine: Machine, home: Vector6 | None) -> dict[SafetyOutput, bool]:
-    """Levels of the safety outputs (user manual): low is the safe level; after a violation or fault, all are low.
-
-    home: the joint angles of the safe home position [rad].
-    """
-    safety = machine.safety
-    if safety.mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
-        return dict.fromkeys(SafetyOutput, False)
-    reduced = safety.mode is SafetyMode.REDUCED
-    return {
-        SafetyOutput.SYSTEM_EMERGENCY_STOP: safety.mode is not SafetyMode.ROBOT_EMERGENCY_STOP,
-        SafetyOutput.ROBOT_MOVING: max(map(abs, machine.arm.qd)) <= _MOVING_RAD_S,
-        SafetyOutput.ROBOT_NOT_STOPPING: safety.stopped,
-        SafetyOutput.REDUCED_MODE: not reduced,
-        SafetyOutput.NOT_REDUCED_MODE: reduced,
-        SafetyOutput.SAFE_HOME: home is not None and machine.power.report.powered and _is_at(machine.arm.q, home),
-    }
-
-
-def _is_at(q: Vector6, home: Vector6) -> bool:
-    return all(abs(remainder(a - b, tau)) <= _HOME_RAD for a, b in zip(q, home, strict=True))
 
 
 class SafetyBoard:

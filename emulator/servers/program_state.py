@@ -8,7 +8,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from emulator.programs.runner import Programs, ProgramView
+from emulator.programs.runner import Programs
+from emulator.programs.view import ProgramView
 from urproto.primary.messages import ProgramThread, ProgramThreadsMessage
 from urproto.primary.program_state import (
     GlobalVariableNames,

@@ -12,13 +12,14 @@ import logging
 import os
 import socket
 from collections.abc import Awaitable, Callable, Mapping
-from ipaddress import IPv6Address, ip_address
+from ipaddress import ip_address
 from typing import Final
 
 from emulator.servers.connection import Connection
 from emulator.servers.port import Port
 from emulator.services.sockets import ScriptNetwork, SocketState
-from urproto.backdoors import LOOPBACK_OF, is_backdoor
+from urproto.addresses import is_loopback, local_address
+from urproto.backdoors import is_backdoor
 
 _LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
 _MAX_UNREAD: Final = 1024 * 1024  # received bytes that the script has not read; above that, reading pauses (guess)
@@ -33,7 +34,7 @@ class OwnPorts:
 
     def opened(self, host: str, ports: Mapping[int, int]) -> None:
         """Set the address on which the controller listens, and its ports: usual number to real number."""
-        address = LOOPBACK_OF.get(host, host)
+        address = local_address(host)
         self._listening = {usual: (address, real) for usual, real in ports.items()}
 
     def reach(self, address: str, port: int) -> tuple[str, int]:
@@ -99,7 +100,7 @@ class NetworkSockets:
         network = self._network
         found = [] if network is ScriptNetwork.NONE else await _resolve(address, port)
         near = (ScriptNetwork.LOOPBACK, ScriptNetwork.NONE)
-        permitted = [numeric for numeric in found if network not in near or _is_loopback(numeric)]
+        permitted = [numeric for numeric in found if network not in near or is_loopback(numeric)]
         reached = [self._own_ports.reach(numeric, port) for numeric in permitted]
         if network is not ScriptNetwork.ANY_AND_CONTROL:
             reached = [place for place in reached if not is_backdoor(*place)]
@@ -122,12 +123,6 @@ async def _resolve(address: str, port: int) -> list[str]:
     except ValueError:
         found = await asyncio.get_running_loop().getaddrinfo(address, port, type=socket.SOCK_STREAM)
         return [str(where[0]) for _, _, _, _, where in found]
-
-
-def _is_loopback(numeric: str) -> bool:
-    address = ip_address(numeric)
-    mapped = address.ipv4_mapped if isinstance(address, IPv6Address) else None
-    return (mapped or address).is_loopback
 
 
 def _reason(error: Exception) -> str:

@@ -8,7 +8,7 @@ import pytest
 from emulator.commands.safety import ArmSupply, Jog, SetSafetyDevice, SetSafetyInput, TripSafety
 from emulator.lifecycle.safety import StopCategory
 from emulator.safety.causes import Cause, Recovery
-from emulator.safety.conditions import SafetyDevice
+from emulator.safety.signals import SafetyDevice
 from emulator.servers.primary_state import robot_state
 from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode, SafetyStatus, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage, SafetyModeMessage, decode_robot_message

@@ -8,10 +8,10 @@ import pytest
 
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
 from emulator.robot.arm import Arm
-from emulator.safety.board import StopMonitor
-from emulator.safety.conditions import SafetyDevice
 from emulator.safety.geometry import Boundaries, clamping_room
 from emulator.safety.governor import TRANSITION_S, Governor, operational
+from emulator.safety.signals import SafetyDevice
+from emulator.safety.stop_monitor import StopMonitor
 from emulator.world.links import Links
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage

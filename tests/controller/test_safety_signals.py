@@ -7,7 +7,7 @@ import pytest
 
 from emulator.commands.safety import FreedriveButton, Jog, SetSafetyDevice, SetSafetyInput
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.safety.conditions import SafetyDevice
+from emulator.safety.signals import SafetyDevice
 from emulator.servers.primary_state import robot_state
 from urproto.modes import ControlMode, RobotMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import load_model

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from emulator.commands.safety import ArmSupply, FreedriveButton, SetSafetyDevice, TripSafety
 from emulator.robot.arm import Arm
 from emulator.safety.causes import Cause
-from emulator.safety.conditions import SafetyDevice
 from emulator.safety.geometry import Boundaries
+from emulator.safety.signals import SafetyDevice
 from emulator.safety.supervision import Supervision
 from tests.budget import examples
 from urproto.modes import RobotMode, SafetyMode

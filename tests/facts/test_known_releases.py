@@ -7,9 +7,9 @@ from rich.console import Console
 
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
+from emulator.first_screen import first_screen
 from emulator.machine import ControllerConfig
 from emulator.readiness import check_ready
-from emulator.serve import first_screen
 from urproto.facts import known_releases
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion, Series

@@ -14,7 +14,7 @@ from emulator.controller import Controller
 from emulator.lifecycle.power import PowerTimings
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
 from emulator.machine import ControllerConfig
-from emulator.safety.conditions import SafetyDevice
+from emulator.safety.signals import SafetyDevice
 from emulator.services.sockets import MemorySocket, MemorySockets
 from tests.programs.tree_rig import main, tag, urp
 from tests.servers.server_rig import MemoryClient

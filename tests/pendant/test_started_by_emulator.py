@@ -17,7 +17,7 @@ from client.rtde import BlockingRTDEClient
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
-from emulator.serve import Pendant
+from emulator.pendant_process import Pendant
 from tests.servers.test_cli import read_until
 from urproto.backdoors import is_backdoor
 from urproto.compat import module_command
@@ -97,7 +97,7 @@ def test_killed_pendant_is_restarted_and_reported() -> None:
 
 
 async def test_repeatedly_dying_pendant_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emulator.serve._BACKOFF_S", (0.0, 0.0))
+    monkeypatch.setattr("emulator.pendant_process._BACKOFF_S", (0.0, 0.0))
     monkeypatch.setattr(Pendant, "_command", lambda _: ["sh", "-c", "kill -9 $$"])
     messages = list[str]()
     given_up = asyncio.Event()

@@ -15,9 +15,9 @@ from rich.console import Console
 from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
+from emulator.first_screen import first_screen
 from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
-from emulator.serve import first_screen
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.rtde.codec import GetVersion, RequestProtocol, RTDEDecoder, SetupOutputs, Start

@@ -6,7 +6,7 @@ import pytest
 
 from emulator.commands.requests import DashboardLine
 from emulator.commands.safety import SetSafetyDevice
-from emulator.safety.conditions import SafetyDevice
+from emulator.safety.signals import SafetyDevice
 from emulator.world.file import read_world
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
