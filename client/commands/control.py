@@ -20,13 +20,14 @@ from client.controllers import (
     read_controllers,
     usual_controllers,
 )
+from client.controllers.configuration import trajectory_controller
 from client.controllers.controller import LifecycleState
 from client.controllers.remote import ANSWER_S, RemoteManager
 from client.controllers.running import ManagerOptions, RunningManager
 from client.controllers.session import Session
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
-from client.errors import NoManagerError
+from client.errors import ControllerError, NoManagerError
 from client.recording import DEFAULT_FIELDS
 from urproto.modes import SafetyMode
 
@@ -48,6 +49,14 @@ _ON_THE_PENDANT: Final = "Release it on the pendant."
 ControllersOption: TypeAlias = Annotated[
     Path | None,
     typer.Option("--controllers", help="A ros2_control controllers file (default: the usual controllers)."),
+]
+InitialController: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--controller",
+        help="Controller to activate once the arm can be moved; empty for none (default: the file's trajectory "
+        "controller).",
+    ),
 ]
 Headless: TypeAlias = Annotated[
     bool,
@@ -177,6 +186,16 @@ class Target:
                     yield session
                 finally:
                     await session.close()
+
+    async def trajectory_controller(self, arm: ArmAccess) -> str:
+        """Name of the trajectory controller in the controllers file, or of the manager's. Raises ControllerError."""
+        if arm.owns_manager or self.controllers is None:
+            types = await arm.request("list_available")
+        else:
+            types = read_controllers(self.controllers, self.prefix).types
+        if not (name := trajectory_controller(types)):
+            raise ControllerError("controllers file", "it has no trajectory controller: name one with --controller")
+        return name
 
     async def activate(self, arm: ArmAccess, name: str) -> None:
         """Load and configure a controller if necessary, and activate it in place of those that move the arm."""

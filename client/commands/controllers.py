@@ -13,6 +13,7 @@ from rich.table import Table
 from client.commands.control import (
     ControllersOption,
     Headless,
+    InitialController,
     MakeReady,
     Target,
     announce,
@@ -23,7 +24,7 @@ from client.commands.following import PortOffset, RobotIP
 from client.controllers import configuration
 from client.controllers.controller import interface_summary
 from client.controllers.parameters import Reading, read_parameters
-from client.controllers.running import DEFAULT_CONTROLLER, ManagerOptions, RunningManager, reached
+from client.controllers.running import ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
 from client.controllers.session import BEST_EFFORT, STRICT, available_types
 from client.driver.config import ROBOT_PORTS
@@ -53,9 +54,7 @@ _Name: TypeAlias = Annotated[str, typer.Argument(help="Name of a controller.")]
 @controllers_app.command("serve")
 def serve_command(
     controllers: ControllersOption = None,
-    controller: Annotated[
-        str, typer.Option(help="Controller to activate once the arm can be moved; empty for none.")
-    ] = DEFAULT_CONTROLLER,
+    controller: InitialController = None,
     headless: Headless = True,
     make_ready: MakeReady = False,
     robot_ip: RobotIP = "127.0.0.1",

@@ -26,7 +26,6 @@ from client.commands.following import PortOffset, RobotIP
 from client.commands.record import Overwrite, check_free
 from client.controllers import JOINT_NAMES, JointTrajectory, JointTrajectoryPoint
 from client.controllers.goal_files import GOAL_TIME_S, FileGoal, GoalFile, read_goals
-from client.controllers.running import DEFAULT_CONTROLLER
 from client.errors import MotionError
 from urproto.commandline import application, with_options_of
 
@@ -63,7 +62,9 @@ def goal_command(
     positions: Annotated[str, typer.Option(help='Joint angles, base to wrist 3: "0,-1.57,0,-1.57,0,0" [rad].')],
     time: Annotated[float, typer.Option(help="How long the motion takes at full speed [s].")] = 6.0,
     degrees: Annotated[bool, typer.Option("--degrees", help="The angles are in degrees.")] = False,
-    controller: Annotated[str, typer.Option(help="Trajectory controller to use.")] = DEFAULT_CONTROLLER,
+    controller: Annotated[
+        str | None, typer.Option(help="Trajectory controller to use, instead of the one in the controllers file.")
+    ] = None,
 ) -> None:
     """Move the arm to joint angles; Ctrl-C brings it to rest."""
     q = _angles(positions)
@@ -117,9 +118,10 @@ def _angles(text: str) -> tuple[float, ...]:
     return angles
 
 
-async def go(target: Target, name: str, trajectory: JointTrajectory) -> None:
-    """Execute one trajectory with one controller of the target."""
+async def go(target: Target, controller: str | None, trajectory: JointTrajectory) -> None:
+    """Execute one trajectory with one controller of the target; None selects its trajectory controller."""
     async with target.open() as arm:
+        name = controller or await target.trajectory_controller(arm)
         await target.activate(arm, name)
         result = await follow(arm, name, trajectory, "goal")
     print_result("goal", result)

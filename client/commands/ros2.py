@@ -9,7 +9,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from client.commands.cameras import CameraNames, CameraOptions, CameraPort, CameraRate
-from client.commands.control import ControllersOption, Headless, MakeReady, announce, controllers_file, run
+from client.commands.control import (
+    ControllersOption,
+    Headless,
+    InitialController,
+    MakeReady,
+    announce,
+    controllers_file,
+    run,
+)
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
@@ -17,7 +25,6 @@ from client.driver.scheduling import real_time
 if TYPE_CHECKING:
     from client.ros2.driver import DriverOptions
 
-_CONTROLLER = "scaled_joint_trajectory_controller"
 _CAMERA_HZ = 10.0
 _SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a setpoint
 
@@ -27,9 +34,7 @@ def ros2_command(
         list[str] | None,
         typer.Argument(metavar="[-- ROS_ARGUMENTS]", help="Arguments for ROS, such as -r or --params-file."),
     ] = None,
-    controller: Annotated[
-        str, typer.Option(help="Controller to activate once the arm can be moved; empty for none.")
-    ] = _CONTROLLER,
+    controller: InitialController = None,
     domain: Annotated[
         int | None, typer.Option("--domain", min=0, max=232, help="ROS domain, instead of ROS_DOMAIN_ID.")
     ] = None,

@@ -7,7 +7,7 @@ from client.controllers.controller import Controller, Interfaces, Topic, control
 from client.controllers.parameters import without_effect
 
 _KINDS: Final = ("position", "velocity", "effort")
-_NO_ROS: Final = "topic names apply to ROS only"
+_NO_ROS: Final = "topics have the names that the driver gives them"
 _EVERY_CYCLE: Final = "messages come every cycle"
 _WRENCH: Final = ("force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z")
 _POSE: Final = (
@@ -170,8 +170,10 @@ class ForceTorqueParameters:
     interface_names: WrenchNames = field(default_factory=WrenchNames)
     offset: WrenchOffsets = field(default_factory=WrenchOffsets)
     multiplier: WrenchFactors = field(default_factory=WrenchFactors)
-    state_interface_names: tuple[str, ...] = without_effect((), "the six follow from the sensor's name")
-    topic_name: str = without_effect("", _NO_ROS)
+    state_interface_names: tuple[str, ...] = without_effect(
+        (), "the six follow from the sensor's name", unless=(_WRENCH,)
+    )
+    topic_name: str = without_effect("", _NO_ROS, unless=("ft_data",))  # as in the official file; no effect there, too
 
 
 @controller_type("force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster")
@@ -212,21 +214,22 @@ def _six(numbers: WrenchOffsets | WrenchFactors) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class PoseStamped:
-    """Position [m] (3,) and orientation as a quaternion x, y, z, w (4,) in the frame ``frame_id``."""
+    """Position [m] (3,) and orientation as a quaternion x, y, z, w (4,) of ``child_frame_id`` in ``frame_id``."""
 
     time_s: float
     frame_id: str
+    child_frame_id: str
     position: tuple[float, ...]
     orientation: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """How ROS would publish the transform."""
+    """The transform on /tf, for ROS. child_frame_id: name of the frame; "" is that of the pose."""
 
-    enable: bool = without_effect(True, "transforms apply to ROS only")
-    child_frame_id: str = without_effect("", "transforms apply to ROS only")
-    publish_rate: float = without_effect(0.0, "transforms apply to ROS only")
+    enable: bool = without_effect(True, "the transform is published always")
+    child_frame_id: str = ""
+    publish_rate: float = without_effect(0.0, "the transform is published every cycle")
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,4 +257,5 @@ class PoseBroadcaster(Controller[PoseParameters]):
 
     def update(self, time_s: float, period_s: float) -> None:
         values = tuple(self.states.get())
-        self.topic.publish(PoseStamped(time_s, self.parameters.frame_id, values[:3], values[3:]))
+        child = self.parameters.tf.child_frame_id or self.parameters.pose_name
+        self.topic.publish(PoseStamped(time_s, self.parameters.frame_id, child, values[:3], values[3:]))

@@ -41,11 +41,13 @@ _MANAGER: Final = "controller_manager"
 _PARAMETERS: Final = ("ros__parameters", "ros_parameters")
 _ANY: Final = "**"
 _VARIABLE: Final = re.compile(r"\$\((\w+) *([^)]*)\)")
-_WITHOUT_EFFECT: Final = {
-    "update_rate": "controllers are updated with each state of the robot",
-    "enforce_command_limits": "the robot has its own limits",
-    "use_sim_time": "the robot's time is used",
+_WITHOUT_EFFECT: Final = {  # with values that describe what happens anyway
+    "update_rate": ("controllers are updated with each state of the robot", (125, 500)),
+    "enforce_command_limits": ("the robot has its own limits", (False,)),
+    "use_sim_time": ("the robot's time is used", (False,)),
 }
+_TRAJECTORY_CONTROLLERS: Final = ("scaled_joint_trajectory_controller", "joint_trajectory_controller")
+_UPDATE_RATE_HZ: Final = "500"  # for files that leave it to a launch file
 
 
 def find(controller: str, type_name: str) -> type[Controller[Any]]:
@@ -82,6 +84,15 @@ class ControllersFile:
         return self.parameters.get(controller, {})
 
 
+def trajectory_controller(types: Mapping[str, str]) -> str:
+    """Name of the trajectory controller in a file's list of types; "" if it has none.
+
+    The scaled controller comes first: files of the official driver have had it until Jazzy, newer ones have another.
+    """
+    usual = [name for name in _TRAJECTORY_CONTROLLERS if name in types]
+    return next(iter(usual + [name for name, kind in types.items() if kind.endswith("JointTrajectoryController")]), "")
+
+
 def usual_controllers(tf_prefix: str = "") -> ControllersFile:
     """The controllers of a UR arm, with the names that the ROS 2 driver uses."""
     text = resources.files("client.controllers").joinpath("ur_controllers.yaml").read_text("utf-8")
@@ -90,7 +101,7 @@ def usual_controllers(tf_prefix: str = "") -> ControllersFile:
 
 def read_controllers(path: Path, tf_prefix: str = "") -> ControllersFile:
     """Read a controllers file. Raises ControllerError, OSError."""
-    return _parse(text_of(path), str(path), {"tf_prefix": tf_prefix})
+    return _parse(text_of(path), str(path), {"tf_prefix": tf_prefix, "update_rate": _UPDATE_RATE_HZ})
 
 
 def text_of(path: Path) -> str:
@@ -112,7 +123,8 @@ def _parse(text: str, name: str, variables: Mapping[str, str]) -> ControllersFil
             types[key] = value["type"]
             notes += [f"{_MANAGER}: {key}.{other} is unknown and ignored" for other in value if other != "type"]
         elif key in _WITHOUT_EFFECT:
-            notes.append(f"{_MANAGER}: {key} has no effect ({_WITHOUT_EFFECT[key]})")
+            why, harmless = _WITHOUT_EFFECT[key]
+            notes += [f"{_MANAGER}: {key} has no effect ({why})"] if value not in harmless else []
         else:
             notes.append(f"{_MANAGER}: {key} is not a controller with a type, and is ignored")
     known = {_MANAGER, _ANY, *types}

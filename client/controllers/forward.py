@@ -18,9 +18,10 @@ class ForwardCommandParameters:
 
 @dataclass(frozen=True, slots=True)
 class JointGroupParameters:
-    """Parameters of the older controller types, whose names imply the interface."""
+    """Parameters of the older controller types, whose names imply the interface; naming it as well does no harm."""
 
     joints: tuple[str, ...]
+    interface_name: str = ""
 
 
 class _Interpolation:
@@ -121,23 +122,38 @@ class ForwardCommandController(Controller[Any]):
             self.commands.put(self._values)
 
 
-@controller_type("position_controllers/JointGroupPositionController")
-class JointGroupPositionController(ForwardCommandController):
-    """Forward command controller for positions."""
+class _JointGroupController(ForwardCommandController):
+    """Base class of the older types."""
 
     parameters_type: ClassVar[type[Any]] = JointGroupParameters
+    implied: ClassVar[str]
 
     @property
     def interface_name(self) -> str:
-        return "position"
+        return self.implied
+
+    def on_configure(self) -> None:
+        super().on_configure()
+        if self.parameters.interface_name not in ("", self.implied):
+            raise self.error(f"{self.type_name} commands {self.implied}: leave interface_name out")
+
+
+@controller_type("position_controllers/JointGroupPositionController")
+class JointGroupPositionController(_JointGroupController):
+    """Forward command controller for positions."""
+
+    implied = "position"
 
 
 @controller_type("velocity_controllers/JointGroupVelocityController")
-class JointGroupVelocityController(ForwardCommandController):
+class JointGroupVelocityController(_JointGroupController):
     """Forward command controller for velocities, which end when it is deactivated."""
 
-    parameters_type: ClassVar[type[Any]] = JointGroupParameters
+    implied = "velocity"
 
-    @property
-    def interface_name(self) -> str:
-        return "velocity"
+
+@controller_type("effort_controllers/JointGroupEffortController")
+class JointGroupEffortController(_JointGroupController):
+    """Forward command controller for torques, which end when it is deactivated."""
+
+    implied = "effort"

@@ -146,8 +146,9 @@ class JointTrajectoryParameters:
     constraints: Constraints = field(default_factory=Constraints)
     gains: GainsByJoint = field(default_factory=GainsByJoint)
     speed_scaling: SpeedScaling = field(default_factory=SpeedScaling)
-    state_publish_rate: float = without_effect(50.0, _EVERY_CYCLE)
+    state_publish_rate: float = without_effect(50.0, _EVERY_CYCLE, unless=(100.0,))  # as in the official file
     action_monitor_rate: float = without_effect(20.0, _EVERY_CYCLE)
+    update_rate: int = without_effect(0, "it is updated with each state of the robot", unless=(125, 500))
 
 
 @dataclass(frozen=True, slots=True)

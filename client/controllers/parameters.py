@@ -1,13 +1,13 @@
 """Parameters of controllers: dataclasses that are filled from a YAML file.
 
-A parameter that exists in ROS 2 but has no meaning here is declared with `without_effect`, which says why. A field with
-the metadata `BY_NAME` takes every other key whose value is a mapping, like `constraints`, which takes one mapping per
-joint. All other keys are reported as unknown.
+A parameter that exists in ROS 2 but has no meaning here is declared with `without_effect`, which says why; nothing is
+reported where its value describes what happens anyway. A field with the metadata `BY_NAME` takes every other key whose
+value is a mapping, like `constraints`, which takes one mapping per joint. All other keys are reported as unknown.
 
 Source of which parameters are read-only: the parameter files of ros2_controllers and ur_controllers.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from math import isfinite, isinf
 from types import GenericAlias
@@ -58,9 +58,12 @@ class Reading:
     without_effect: list[str] = field(default_factory=list)
 
 
-def without_effect(default: Any, why: str) -> Any:
-    """Declare a parameter that is read and ignored; ``why`` is reported to the user."""
-    return field(default=default, metadata={_WHY: why})
+def without_effect(default: Any, why: str, *, unless: Collection[Any] = ()) -> Any:
+    """Declare a parameter that is read and ignored; ``why`` is reported to the user.
+
+    Nothing is reported for the default and the values in ``unless``, with which everything happens as it is asked for.
+    """
+    return field(default=default, metadata={_WHY: (why, (default, *unless))})
 
 
 def read_parameters(kind: type[Parameters], given: Mapping[str, Any], owner: str, reading: Reading) -> Parameters:
@@ -101,9 +104,10 @@ def _build(kind: type[Any], given: Mapping[str, Any], owner: str, path: str, rea
     for key, value in given.items():
         place = f"{path}{key}"
         if key in known and key != rest:
-            if why := known[key].metadata.get(_WHY):
-                reading.without_effect.append(f"{place} ({why})")
             values[key] = found = _value(hints[key], value, owner, place, reading)
+            why, harmless = known[key].metadata.get(_WHY, ("", ()))
+            if why and found not in harmless:
+                reading.without_effect.append(f"{place} ({why})")
             if isinstance(found, float) and not isfinite(found) and not (isinf(found) and _is_limit(known[key])):
                 raise ControllerError(owner, f"{place} must be a finite number, not {quoted(value)}")
         elif rest and isinstance(value, Mapping):

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from client.calibration import model_of
 from client.controllers.component import ControllerStopper, HardwareComponent, ProgramKeeper, start_if_ready
-from client.controllers.configuration import ControllersFile
+from client.controllers.configuration import ControllersFile, trajectory_controller, usual_controllers
 from client.controllers.control import RobotControl
 from client.controllers.controller import Controller
 from client.controllers.manager import ControllerManager
@@ -30,15 +30,14 @@ _OUTPUTS: Final = ("payload", "payload_cog", "payload_inertia", "tcp_offset")
 
 _logger = logging.getLogger(__name__)
 
-DEFAULT_CONTROLLER: Final = "scaled_joint_trajectory_controller"
-
 
 @dataclass(frozen=True)
 class ManagerOptions:
     """Options: which robot, and which controllers.
 
     driver_options: those of `client.driver.DriverConfig`. file: the controllers file; None for the usual controllers.
-    controller: the controller that is active at first, in addition to those that move nothing; "" for none. headless:
+    controller: the controller that is active at first, in addition to those that move nothing; "" for none, None for
+    the file's trajectory controller. headless:
     the control program is sent to the robot; otherwise the manager waits until External Control is played there.
     make_ready: power the arm on and release its brakes; if not headless, also play the program loaded on the robot.
     """
@@ -46,10 +45,16 @@ class ManagerOptions:
     robot_ip: str
     driver_options: dict[str, Any]
     file: ControllersFile | None = None
-    controller: str = DEFAULT_CONTROLLER
+    controller: str | None = None
     tf_prefix: str = ""
     headless: bool = True
     make_ready: bool = False
+
+    @property
+    def initial_controller(self) -> str:
+        """The controller that is active at first; "" for none."""
+        file = usual_controllers(self.tf_prefix) if self.file is None else self.file
+        return trajectory_controller(file.types) if self.controller is None else self.controller
 
     @property
     def rtde_port(self) -> int:
@@ -166,12 +171,12 @@ class RunningManager:
 
     def _activate(self, options: ManagerOptions, stopper: ControllerStopper) -> None:
         """Activate controllers that move nothing now, and the one that moves the arm as soon as possible."""
-        names = [info.name for info in self.manager.list_controllers()]
-        if options.controller and options.controller not in names:
-            raise ControllerError(options.controller, f"the controllers here are {', '.join(names)}")
+        names, initial = [info.name for info in self.manager.list_controllers()], options.initial_controller
+        if initial and initial not in names:
+            raise ControllerError(initial, f"the controllers here are {', '.join(names)}")
         for name in names:
             claims = self.manager.controller(name).command_interfaces
-            if name == options.controller:
+            if name == initial:
                 stopper.activate_when_possible(name)
             elif not {mode_of(claim, options.tf_prefix) for claim in claims} - {None}:
                 try:

@@ -15,6 +15,7 @@ from typing import Any, Final
 from client.calibration import calibrated_model, calibration_of
 from client.cameras import CameraClient
 from client.controllers.broadcasters import JointStateBroadcaster
+from client.controllers.configuration import trajectory_controller
 from client.controllers.control import RobotControl
 from client.controllers.running import ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
@@ -124,7 +125,8 @@ class Ros2Driver:
             opening.push_async_callback(in_thread, node.close)
         if self._options.cameras:
             await self._open_cameras(opening, host)
-        until = await in_thread(TrajectoryUntilNode, host, self._options.controller)
+        follows = self._options.initial_controller or trajectory_controller(manager.file.types)
+        until = await in_thread(TrajectoryUntilNode, host, follows)
         opening.push_async_callback(in_thread, until.close)
         if model is not None and can_plan():
             from client.ros2.move_group.node import MoveGroupNode

@@ -193,7 +193,7 @@ def _tcp_frame(message: Any, pose: PoseStamped, scene: PublishingContext) -> boo
         message.transforms = [interface("geometry_msgs/msg/TransformStamped")()]
     transform = message.transforms[0]
     scene.stamp(transform.header, pose.frame_id)
-    set_transform(transform, scene.prefix + _TCP_FRAME, pose.position, pose.orientation)
+    set_transform(transform, pose.child_frame_id, pose.position, pose.orientation)
     return True
 
 

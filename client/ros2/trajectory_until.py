@@ -17,7 +17,6 @@ from client.ros2.host import NodeHost, interface
 from client.ros2.one_goal import OneGoalAction
 
 NAME: Final = "trajectory_until_node"
-DEFAULT_CONTROLLER: Final = "scaled_joint_trajectory_controller"
 _ANSWER_S: Final = 1.0  # an action that does not exist or does not answer within this counts as rejecting the goal
 _GRACE_S: Final = 0.5  # guess: an event that ends one action may also end the other, which is reported a little later
 _MOTION: Final = "control_msgs/action/FollowJointTrajectory"
@@ -32,12 +31,12 @@ class TrajectoryUntilNode:
     controller: whose ``follow_joint_trajectory`` is used, unless the parameter ``motion_controller_uri`` names another.
     """
 
-    def __init__(self, host: NodeHost, controller: str = DEFAULT_CONTROLLER) -> None:
+    def __init__(self, host: NodeHost, controller: str) -> None:
         self.node = host.node(NAME)
         self._host = host
         self._goals: _RunningGoals | None = None  # while a goal is being executed
         self._group = ReentrantCallbackGroup()  # an answer comes while a callback of the server awaits it
-        default = f"{controller or DEFAULT_CONTROLLER}/follow_joint_trajectory"
+        default = f"{controller}/follow_joint_trajectory"
         self._motion = self._client("motion_controller_uri", default, interface(_MOTION))
         self._contact = self._client("until_action_uri", _WATCH, interface(_CONTACT))
         self._action = OneGoalAction(

@@ -12,6 +12,7 @@ from client.controllers.configuration import read_controllers, usual_controllers
 from client.controllers.goal_files import read_goals
 from client.controllers.joint_trajectory import Gains
 from client.controllers.parameters import Reading, read_parameters
+from client.controllers.running import ManagerOptions
 from client.errors import ControllerError
 from urproto.joints import JOINT_NAMES
 
@@ -19,7 +20,7 @@ from urproto.joints import JOINT_NAMES
 CONTROLLERS = """
 controller_manager:
   {key}:
-    update_rate: 500
+    update_rate: 250
     scaled_joint_trajectory_controller:
       type: ur_controllers/ScaledJointTrajectoryController
     forward_velocity_controller:
@@ -35,8 +36,8 @@ scaled_joint_trajectory_controller:
     command_interfaces:
       - position
     state_interfaces: [position, velocity]
-    state_publish_rate: 100.0
-    action_monitor_rate: 20.0
+    state_publish_rate: 30.0
+    action_monitor_rate: 30.0
     allow_partial_joints_goal: false
     colour: red
     constraints.goal_time: 2
@@ -81,6 +82,85 @@ def test_a_controllers_file(tmp_path, key):
     assert read.speed_scaling_interface_name == "left_speed_scaling/speed_scaling_factor"
     assert reading.unknown == ["colour", "constraints.left_elbow_joint.colour"]
     assert [text.split(" ")[0] for text in reading.without_effect] == ["state_publish_rate", "action_monitor_rate"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "reported"),
+    [
+        ("joint_trajectory_controller/JointTrajectoryController", {"state_publish_rate": 100.0}, []),
+        ("joint_trajectory_controller/JointTrajectoryController", {"action_monitor_rate": 20.0}, []),
+        (
+            "joint_trajectory_controller/JointTrajectoryController",
+            {"action_monitor_rate": 5.0},
+            ["action_monitor_rate"],
+        ),
+        ("joint_trajectory_controller/JointTrajectoryController", {"update_rate": 500}, []),
+        ("joint_trajectory_controller/JointTrajectoryController", {"update_rate": 50}, ["update_rate"]),
+        ("force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster", {"topic_name": "ft_data"}, []),
+        ("force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster", {"topic_name": "force"}, ["topic_name"]),
+        ("pose_broadcaster/PoseBroadcaster", {"frame_id": "b", "pose_name": "p", "tf": {"child_frame_id": "t"}}, []),
+        (
+            "pose_broadcaster/PoseBroadcaster",
+            {"frame_id": "b", "pose_name": "p", "tf": {"enable": False}},
+            ["tf.enable"],
+        ),
+    ],
+)
+def test_values_of_the_official_files_are_not_reported(kind, given, reported):
+    """Source of the values: ur_controllers.yaml of the official driver, branches humble to lyrical, July 2026."""
+    if "trajectory" in kind:
+        given = {**given, "joints": [], "command_interfaces": [], "state_interfaces": []}
+    reading = Reading()
+    read_parameters(configuration.find("a", kind).parameters_type, given, "a", reading)
+    assert [text.split(" ")[0] for text in reading.without_effect] == reported
+    assert not reading.unknown
+
+
+@pytest.mark.parametrize(
+    ("line", "notes"),
+    [
+        ("update_rate: $(var update_rate)", 0),
+        ("update_rate: 100", 1),
+        ("enforce_command_limits: false", 0),
+        ("enforce_command_limits: true", 1),
+    ],
+)
+def test_lines_of_the_manager_that_change_nothing(tmp_path, line, notes):
+    text = f"controller_manager: {{ros__parameters: {{{line}}}}}"
+    assert len(read_controllers(write(tmp_path, text)).notes) == notes
+
+
+@pytest.mark.parametrize(
+    ("names", "chosen"),
+    [
+        (["joint_trajectory_controller", "scaled_joint_trajectory_controller"], "scaled_joint_trajectory_controller"),
+        (["passthrough_trajectory_controller", "joint_trajectory_controller"], "joint_trajectory_controller"),
+        (["mine", "forward_position_controller"], "mine"),
+        (["forward_position_controller"], ""),
+    ],
+)
+def test_the_files_trajectory_controller_is_the_initial_one(names, chosen):
+    kinds = {
+        "passthrough_trajectory_controller": "ur_controllers/PassthroughTrajectoryController",
+        "forward_position_controller": "position_controllers/JointGroupPositionController",
+    }
+    types = {name: kinds.get(name, "joint_trajectory_controller/JointTrajectoryController") for name in names}
+    assert configuration.trajectory_controller(types) == chosen
+    file = configuration.ControllersFile("file", types)
+    assert ManagerOptions("robot", {}, file).initial_controller == chosen
+    assert ManagerOptions("robot", {}, file, controller="").initial_controller == ""
+
+
+@pytest.mark.parametrize("implied", ["position", "velocity", "effort"])
+def test_the_older_forward_controllers_imply_their_interface(implied):
+    kind = configuration.find("a", f"{implied}_controllers/JointGroup{implied.capitalize()}Controller")
+    given = {"joints": ("a_joint",), "interface_name": implied}
+    controller = kind("a", read_parameters(kind.parameters_type, given, "a", Reading()), 500.0)
+    controller.on_configure()
+    assert controller.command_interfaces == (f"a_joint/{implied}",)
+    wrong = read_parameters(kind.parameters_type, {**given, "interface_name": "torque"}, "a", Reading())
+    with pytest.raises(ControllerError, match=f"commands {implied}: leave interface_name out"):
+        kind("a", wrong, 500.0).on_configure()
 
 
 @pytest.mark.parametrize(
