@@ -88,7 +88,7 @@ THIRD_PARTY = {
     "tomli": ("urproto.compat",),
     "typing_extensions": ("urproto.compat",),
     "pinocchio": ("urproto.robots.pinocchio_dynamics", "client.planning"),
-    "yaml": ("urproto.yamltext", "client.calibration", "client.identification.armfile"),
+    "yaml": ("urproto.yamltext", "client.calibration", "client.ros2.overlay", "client.identification.armfile"),
     "typer": (
         "emulator.check",
         "emulator.cli",
@@ -182,7 +182,7 @@ WRITES_FILES = {
 def modules() -> list[str]:
     """Dotted names of every module of the project."""
     files = (path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py")))
-    return [module_name(path) for path in files]
+    return [module_name(path) for path in files if not path.name.endswith(".launch.py")]
 
 
 def module_name(path: Path) -> str:

@@ -19,11 +19,13 @@ from client.commands.control import (
     run,
 )
 from client.commands.following import PortOffset, RobotIP
-from client.driver.config import ROBOT_PORTS
+from client.driver.config import ROBOT_PORTS, read_settings
 from client.driver.scheduling import real_time
+from client.errors import Ros2Error
 
 if TYPE_CHECKING:
     from client.ros2.driver import DriverOptions
+    from client.ros2.message_packages import MessagePackages
 
 _CAMERA_HZ = 10.0
 _SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a setpoint
@@ -44,31 +46,60 @@ def ros2_command(
     ] = "",
     headless: Headless = True,
     setup: Annotated[
-        bool, typer.Option("--setup", help="Build the message packages missing from this ROS 2 installation, and exit.")
+        bool,
+        typer.Option(
+            "--setup",
+            help="Build the message packages missing from this ROS 2 installation, write packages with the official "
+            "launch files, print the file to source, and exit.",
+        ),
     ] = False,
     camera: CameraNames = None,
     camera_rate: CameraRate = _CAMERA_HZ,
     camera_port: CameraPort = None,
     controllers: ControllersOption = None,
+    dashboard_client: Annotated[bool, typer.Option(help="Whether there is a node dashboard_client.")] = True,
+    robot_state_publisher: Annotated[
+        bool, typer.Option(help="Whether there is a node robot_state_publisher; not with a description of your own.")
+    ] = True,
+    ur_type: Annotated[str, typer.Option(help="Refuse a robot of another type than this, such as ur5e.")] = "",
+    driver: Annotated[
+        list[str] | None,
+        typer.Option("--driver", metavar="NAME=VALUE", help="Setting of DriverConfig, such as reverse_port=50011."),
+    ] = None,
     make_ready: MakeReady = False,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
     """Run the ROS 2 driver: nodes, topics, services and actions as in ur_robot_driver. See docs/ros2.md."""
     cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate)
-    prepare()
+    try:
+        settings = read_settings(driver or ())
+    except ValueError as error:
+        raise typer.BadParameter(f"--driver {error}") from None
+    packages = prepare()
     if setup:
+        from client.ros2.overlay import write_overlay
+
+        try:
+            typer.echo(f"source {write_overlay(packages)}")
+        except OSError as error:
+            raise Ros2Error(f"cannot write the launch files: {error}") from error
         return
+    if packages.setup_file is not None:
+        typer.echo(f"to use the message packages in other programs: . {packages.setup_file}", err=True)
     from client.ros2.driver import DriverOptions
 
     options = DriverOptions(
         robot_ip,
-        {"robot_ports": {name: port + port_offset for name, port in ROBOT_PORTS.items()}},
+        {"robot_ports": {name: port + port_offset for name, port in ROBOT_PORTS.items()}, **settings},
         controllers_file(controllers, tf_prefix),
         controller=controller,
         tf_prefix=tf_prefix,
         headless=headless,
         make_ready=make_ready,
+        ur_type=ur_type,
+        dashboard_client=dashboard_client,
+        robot_state_publisher=robot_state_publisher,
         namespace=namespace,
         domain=domain,
         cameras=tuple(cameras.names),
@@ -80,12 +111,12 @@ def ros2_command(
     run(serve(options))
 
 
-def prepare() -> None:
+def prepare() -> "MessagePackages":
     """Make rclpy and all message packages importable; build those that are missing. Raises Ros2Error."""
     from client.ros2 import message_packages
 
     if not message_packages.missing():
-        return
+        return message_packages.MessagePackages()
     with Progress(TextColumn("{task.description}"), BarColumn(), console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("message packages", total=1.0)
 
@@ -93,8 +124,7 @@ def prepare() -> None:
             bar.update(task, completed=part, description=f"building message packages, only this once: {what}")
 
         packages = message_packages.ensure(show)
-    if packages.setup_file is not None:
-        typer.echo(f"to use the message packages in other programs: . {packages.setup_file}", err=True)
+    return packages
 
 
 async def serve(options: "DriverOptions") -> None:

@@ -22,6 +22,7 @@ from client.controllers.parameters import with_changes
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, ConnectionLostError, ControllerError, NoAnswerError, RobotUnreachableError
 from client.recording import DEFAULT_FIELDS
+from urproto.errors import RobotRefused
 
 _RETRY_S: Final = 1.0  # between attempts to reach the robot; guess
 _LOG_INTERVAL_S: Final = 10.0  # interval of log messages while it is unreachable; guess
@@ -37,8 +38,8 @@ class ManagerOptions:
 
     driver_options: those of `client.driver.DriverConfig`. file: the controllers file; None for the usual controllers.
     controller: the controller that is active at first, in addition to those that move nothing; "" for none, None for
-    the file's trajectory controller. headless:
-    the control program is sent to the robot; otherwise the manager waits until External Control is played there.
+    the file's trajectory controller. headless: the control program is sent to the robot; otherwise the manager waits
+    until External Control is played there. ur_type: refuse a robot of another type, for example ur5e; "" for any.
     make_ready: power the arm on and release its brakes; if not headless, also play the program loaded on the robot.
     """
 
@@ -49,6 +50,7 @@ class ManagerOptions:
     tf_prefix: str = ""
     headless: bool = True
     make_ready: bool = False
+    ur_type: str = ""
 
     @property
     def initial_controller(self) -> str:
@@ -64,7 +66,7 @@ class ManagerOptions:
 
 @asynccontextmanager
 async def reached(options: ManagerOptions) -> AsyncIterator[RobotControl]:
-    """Connect to the robot, as soon as it answers. Raises RobotRefused if it refuses."""
+    """Connect to the robot, as soon as it answers. Raises RobotRefused if it refuses, or is of another type."""
     reported_s = -_LOG_INTERVAL_S
     async with AsyncExitStack() as opened:
         while True:
@@ -88,7 +90,18 @@ async def reached(options: ManagerOptions) -> AsyncIterator[RobotControl]:
                     reported_s = now_s
                     _logger.warning("%s; trying again", error)
                 await asyncio.sleep(_RETRY_S)
+        _check_type(control, options.ur_type)
         yield control
+
+
+def _check_type(control: RobotControl, wanted: str) -> None:
+    arm = control.driver.link.configuration
+    model = model_of(arm) if arm else None
+    if wanted and model is None:
+        _logger.warning("the type of the arm is unknown: it may be another than %s", wanted)
+    elif wanted and model is not None and model.name != wanted:
+        advice = "give the type of the arm, or verify_robot_model:=false in a launch file"
+        raise RobotRefused("driver", f"it is a {model.title}, not a {wanted}", advice)
 
 
 class RunningManager:

@@ -1,8 +1,8 @@
 """Configuration of a driver."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from client import dashboard, primary, robotapi, rtde
 from client.calibration import parameters
@@ -23,6 +23,29 @@ ROBOT_PORTS: Final[Mapping[str, int]] = {
     "primary": primary.PORT,
     "rtde": rtde.PORT,
 }
+_SETTINGS: Final[Mapping[str, Mapping[str, Callable[[str], Any]]]] = {
+    "": {
+        "own_address": str,
+        "listen_on": str,
+        "reverse_port": int,
+        "sender_port": int,
+        "trajectory_port": int,
+        "command_port": int,
+        "frequency_hz": float,
+        "keep_alive_timeout_s": float,
+        "max_age_s": float,
+        "servoj_lookahead_s": float,
+        "servoj_gain": int,
+        "tool_voltage": int,
+    },
+    "tool_communication": {
+        "baud_rate": int,
+        "parity": int,
+        "stop_bits": int,
+        "rx_idle_chars": float,
+        "tx_idle_chars": float,
+    },
+}
 
 
 def calibration_hash(kinematics: KinematicsInfo) -> str:
@@ -42,6 +65,27 @@ def calibration_problem(kinematics: KinematicsInfo, expected: Calibration | str 
             "right one, read its calibration with `ur-client calibration`"
         )
     return None
+
+
+def read_settings(texts: Iterable[str]) -> dict[str, Any]:
+    """Read fields of `DriverConfig` from texts ``name=value``; ``tool_communication.baud_rate`` is a field of a field.
+
+    Raises ValueError, which names the text, for an unknown name and for a value of another type.
+    """
+    settings: dict[str, Any] = {}
+    line: dict[str, Any] = {}
+    for text in texts:
+        name, found, value = text.partition("=")
+        outer, _, inner = name.rpartition(".")
+        kinds = _SETTINGS.get(outer, {})
+        if not found or inner not in kinds:
+            names = ", ".join(f"{group}.{one}" if group else one for group, all_ in _SETTINGS.items() for one in all_)
+            raise ValueError(f"{text!r} is not a setting of the driver, such as reverse_port=50001. There are {names}")
+        try:
+            (line if outer else settings)[inner] = kinds[inner](value)
+        except ValueError as error:
+            raise ValueError(f"{text!r}: {error}") from None
+    return {**settings, **({"tool_communication": ToolCommunicationSettings(**line)} if line else {})}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -44,13 +44,16 @@ _logger = logging.getLogger(__name__)
 class DriverOptions(ManagerOptions):
     """Options as in `ur_control.launch.py`, under this project's names.
 
-    namespace: of all nodes. domain: ROS domain, None for ROS_DOMAIN_ID. cameras: names of the cameras to publish;
-    `client.cameras.ALL_CAMERAS` for all. camera_port: the emulator's camera port. camera_hz: images per second of each.
+    namespace: of all nodes. domain: ROS domain, None for ROS_DOMAIN_ID. dashboard_client, robot_state_publisher:
+    whether there are nodes of these names. cameras: names of the cameras to publish; `client.cameras.ALL_CAMERAS` for
+    all. camera_port: the emulator's camera port. camera_hz: images per second of each.
     """
 
     namespace: str = ""
     domain: int | None = None
     ros_arguments: tuple[str, ...] = ()
+    dashboard_client: bool = True
+    robot_state_publisher: bool = True
     cameras: tuple[str, ...] = ()
     camera_port: int = CAMERA_PORT
     camera_hz: float = 10.0
@@ -114,12 +117,13 @@ class Ros2Driver:
         broadcasters = [one for one in loaded if isinstance(one, JointStateBroadcaster)]
         if model is None:
             _logger.warning("unknown model of arm: robot_description and the arm's frames on /tf are not published")
-        elif broadcasters:
+        elif broadcasters and self._options.robot_state_publisher:
             states = await in_thread(RobotStatePublisher, host, outbox, model, broadcasters[0], prefix)
             opening.push_async_callback(in_thread, states.close)
         await in_thread(ControllerManagerNode, host, running)
         await in_thread(lambda: host.spin(host.node(running.component.name.lower())))
-        nodes: tuple[Any, ...] = (DashboardNode, StateHelperNode, URScriptNode)
+        dashboard = (DashboardNode,) if self._options.dashboard_client else ()
+        nodes: tuple[Any, ...] = (*dashboard, StateHelperNode, URScriptNode)
         for kind in nodes:
             node = await in_thread(kind, host, control.robot)
             opening.push_async_callback(in_thread, node.close)
