@@ -1,6 +1,5 @@
 """``ur-client ros2``: the nodes of the official ROS 2 driver for a robot, on rclpy."""
 
-import asyncio
 import sys
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,17 +8,16 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from client.commands.cameras import CameraNames, CameraOptions, CameraPort, CameraRate
-from client.commands.control import ControllersOption, Headless, MakeReady, announce, controllers_file, run
+from client.commands.control import ControllersOption, Headless, MakeReady, controllers_file, run
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS
-from client.driver.scheduling import real_time
 
 if TYPE_CHECKING:
-    from client.ros2.driver import DriverOptions
+    from client.ros2.options import DriverOptions
 
 _CONTROLLER = "scaled_joint_trajectory_controller"
 _CAMERA_HZ = 10.0
-_SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a setpoint
+_SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a command
 
 
 def ros2_command(
@@ -54,7 +52,7 @@ def ros2_command(
     prepare()
     if setup:
         return
-    from client.ros2.driver import DriverOptions
+    from client.ros2.options import DriverOptions
 
     options = DriverOptions(
         robot_ip,
@@ -93,10 +91,11 @@ def prepare() -> None:
 
 
 async def serve(options: "DriverOptions") -> None:
-    """Run the driver until cancelled."""
+    """Run the driver until cancelled. Raises Ros2Error when the control loop ends by itself."""
     from client.ros2.driver import Ros2Driver
 
     async with Ros2Driver(options) as driver:
-        with real_time("auto"):  # for the event loop alone: the threads of the nodes have been started already
-            await announce(driver.running, options)
-            await asyncio.Event().wait()
+        if text := await driver.waiting():
+            typer.echo(text, err=True)
+        typer.echo(await driver.ready(), err=True)
+        await driver.ended()

@@ -179,13 +179,22 @@ class RunningManager:
                 except ClientError as error:
                     _logger.warning("%s", error)
 
-    async def program_runs(self) -> None:
-        """Wait until the control program runs, without a timeout."""
-        while not self.control.driver.program_running:
-            await asyncio.sleep(_CHECK_S)
+    def waiting(self, options: ManagerOptions) -> str:
+        """What the user has to do until the manager is ready; empty if nothing."""
+        if not options.make_ready or self.control.driver.program_running:
+            return ""
+        return (
+            f"waiting for the control program: {options.robot_ip}, {self._summary()}. "
+            "Load and play a program with External Control on the robot."
+        )
 
-    def summary(self) -> str:
-        """Summary of the controllers and the control program."""
+    async def ready(self, options: ManagerOptions) -> str:
+        """Say that the manager is ready; with make_ready, first wait until the control program runs."""
+        while options.make_ready and not self.control.driver.program_running:
+            await asyncio.sleep(_CHECK_S)
+        return f"ready: {options.robot_ip}, {self._summary()}. Ctrl-C ends it."
+
+    def _summary(self) -> str:
         infos, active = self.manager.list_controllers(), self.manager.active()
         program = "is running" if self.control.driver.program_running else "is not running yet"
         return f"{len(infos)} controllers, {len(active)} of them active; the control program {program}"
