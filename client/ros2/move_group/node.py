@@ -91,7 +91,8 @@ class MoveGroupNode:
     def _apply_message(self, what: str, message: Any) -> bool:
         """Apply a message to the scene, completely or not at all; return whether it was applied."""
         try:
-            scene_message = self._monitor.state.message(self._host.wait(self._monitor.apply(message)))
+            q = self._host.wait(self._monitor.apply(message))
+            scene_message = self._monitor.state.message(q)
         except (RefusedError, PlanningError) as error:
             self._log_error(what, error)
             return False
