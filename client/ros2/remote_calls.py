@@ -44,7 +44,7 @@ class Reference:
 
 
 class _Pickler(pickle.Pickler):
-    """Errors need not be able to repeat the call of their constructor."""
+    """With references; errors need not be able to repeat the call of their constructor."""
 
     def persistent_id(self, obj: Any) -> Hashable | None:
         return obj.key if isinstance(obj, Reference) else None
@@ -63,11 +63,12 @@ class _Unpickler(pickle.Unpickler):
 
 def _frame(number: int, content: object) -> bytes:
     file = io.BytesIO()
-    file.seek(_HEADER.size)
     _Pickler(file, pickle.HIGHEST_PROTOCOL).dump(content)
-    frame = file.getbuffer()
-    _HEADER.pack_into(frame, 0, number, len(frame) - _HEADER.size)
-    return file.getvalue()
+    return _with_header(number, file.getvalue())
+
+
+def _with_header(number: int, data: bytes) -> bytes:
+    return _HEADER.pack(number, len(data)) + data
 
 
 # the nodes' side
@@ -255,4 +256,5 @@ class Callee:
             self._schedule(_RETRY_S)
             return
         due, self._messages = self._messages, {}
-        self._writer.write(_frame(_MESSAGES, {key: message() for key, message in due.items()}))
+        data = pickle.dumps({key: message() for key, message in due.items()}, pickle.HIGHEST_PROTOCOL)
+        self._writer.write(_with_header(_MESSAGES, data))
