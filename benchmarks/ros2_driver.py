@@ -100,8 +100,8 @@ def under_load(seconds: float = LOADED_S) -> Table:
         for name, (log, share, ready_s) in zip(names, found, strict=True)
     ]
     about = (
-        f"Controllers of an emulated UR5e at 500 Hz, for {seconds:g} s next to {_BUSY} processes that compute without a "
-        "pause. Requirement: no control program is lost."
+        f"Controllers of an emulated UR5e at 500 Hz, for {seconds:g} s next to {_BUSY} processes that compute without "
+        "a pause. Requirement: no control program is lost."
     )
     columns = ["process", "lost control programs", "late setpoints", "cost", "start to ready, without load"]
     return Table("ROS 2 driver under load", about, columns, rows)

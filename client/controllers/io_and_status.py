@@ -95,6 +95,10 @@ class GPIOController(CallingController[GPIOParameters]):
         prefix = self.parameters.tf_prefix
         return (f"{prefix}gpio/*", f"{prefix}speed_scaling/*", f"{prefix}payload/*")
 
+    def on_silence(self, reason: str) -> None:
+        super().on_silence(reason)
+        _publish_if_changed(self.program_running, False)
+
     def update(self, time_s: float, period_s: float) -> None:
         super().update(time_s, period_s)
         self.io_states.publish(self._io_states())

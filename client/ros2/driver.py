@@ -40,7 +40,7 @@ _logger = logging.getLogger(__name__)
 class Ros2Driver:
     """The nodes of one robot. Use it with ``async with``, which waits until the robot can be reached.
 
-    control: runs the control loop, and yields the connection to it.
+    control: runs the control loop, and yields the connection to it. host: runs the nodes.
     """
 
     def __init__(
@@ -51,13 +51,13 @@ class Ros2Driver:
         self._options = options
         self._control = control
         self._opened = AsyncExitStack()
-        self._host: NodeHost
+        self.host: NodeHost
 
     async def __aenter__(self) -> "Ros2Driver":
         async with AsyncExitStack() as opening:
             options = self._options
             link = await opening.enter_async_context(self._control())
-            self._host = host = await opening.enter_async_context(
+            self.host = host = await opening.enter_async_context(
                 NodeHost(link, domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments)
             )
             await self._open_nodes(opening, host, await host.call(ControlSide.start, SIDE, options))
@@ -72,15 +72,15 @@ class Ros2Driver:
 
     async def waiting(self) -> str:
         """What the user has to do until the driver is ready; empty if nothing."""
-        return str(await self._host.call(ControlSide.waiting, SIDE, self._options))
+        return str(await self.host.call(ControlSide.waiting, SIDE, self._options))
 
     async def ready(self) -> str:
         """Say that the driver is ready; with make_ready, first wait until the control program runs."""
-        return str(await self._host.call(ControlSide.ready, SIDE, self._options))
+        return str(await self.host.call(ControlSide.ready, SIDE, self._options))
 
     async def ended(self) -> None:
         """Wait for the end of the control loop, which raises Ros2Error: the nodes cannot do without it."""
-        await self._host.ended()
+        await self.host.ended()
         raise Ros2Error("the process of the control loop has ended: see its last messages, and start the driver again")
 
     async def _open_nodes(self, opening: AsyncExitStack, host: NodeHost, facts: RobotFacts) -> None:

@@ -99,7 +99,8 @@ class NodeHost:
         self.received_ns = 0
         self._link = link
         self._caller: Caller | None = None
-        self._ended = asyncio.Event()
+        self._ending = False
+        self._ended = asyncio.Event()  # the control loop
         self._domain = domain
         self._arguments = ["--ros-args", *ros_arguments] if ros_arguments else []
         self._context = Context()
@@ -116,7 +117,7 @@ class NodeHost:
         except (InvalidNamespaceException, ValueError, RuntimeError) as error:
             raise Ros2Error(f"ROS 2 rejects the namespace or arguments: {' '.join(str(error).split())}") from None
         if self._link is not None:
-            self._caller = Caller(self._link, self._pass_on, lambda: self.loop.call_soon_threadsafe(self._ended.set))
+            self._caller = Caller(self._link, self._pass_on, self._on_end)
         return self
 
     async def __aexit__(
@@ -131,9 +132,13 @@ class NodeHost:
 
     def end(self) -> None:
         """Let the control loop end, which brings the arm to rest, while the nodes are closed."""
-        self._ended.set()
+        self._ending = True
         if self._caller is not None:
             self._caller.end()
+
+    def _on_end(self) -> None:
+        self._ending = True
+        self.loop.call_soon_threadsafe(self._ended.set)
 
     async def ended(self) -> None:
         """Wait until the process of the control loop has ended."""
@@ -161,7 +166,7 @@ class NodeHost:
             except ExternalShutdownException:  # the context was shut down
                 return
             except Ros2Error:  # without the control loop, which the driver reports, nodes can only be closed
-                if not self._ended.is_set():
+                if not self._ending:
                     _logger.exception("%s: a callback failed", threading.current_thread().name)
             except Exception:  # in a callback: only its own client gets no answer
                 _logger.exception("%s: a callback failed", threading.current_thread().name)

@@ -78,7 +78,7 @@ class Caller:
     """Calls functions in the other process, from any thread; a thread receives answers and messages.
 
     on_messages: called in that thread with all messages that arrive together, by key; it must not wait for a call.
-    on_end: called in that thread when the other process has closed the connection.
+    on_end: called in that thread when the other process has closed the connection, before calls fail.
     """
 
     def __init__(
@@ -141,9 +141,9 @@ class Caller:
         with self._lock:
             self._ended = True
             pending = list(self._pending)
+        self._on_end()
         for number in pending:
             self._take(number, (False, Ros2Error(_LOST)))
-        self._on_end()
 
     def _take(self, number: int, content: Any) -> None:
         if number == _MESSAGES:
