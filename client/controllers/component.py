@@ -43,7 +43,7 @@ class HardwareComponent:
     @property
     def available(self) -> bool:
         """Whether its interfaces are available; those of an inactive component are."""
-        return self.state is not LifecycleState.UNCONFIGURED
+        return self._state is not LifecycleState.UNCONFIGURED
 
     async def go_to(self, target: LifecycleState) -> None:
         """Change the state. Raises ControllerError.

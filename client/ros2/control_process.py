@@ -9,7 +9,7 @@ import signal
 import socket
 import subprocess
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import aclosing, asynccontextmanager, suppress
 from typing import Final
 
 from client.ros2.control_side import ControlSide
@@ -45,7 +45,7 @@ def _await_end(process: "subprocess.Popen[bytes]") -> None:
 
 async def work(link: socket.socket) -> None:
     """Execute calls until the nodes have gone, or SIGTERM comes; then the arm is brought to rest."""
-    async with ControlSide() as side:
+    async with aclosing(ControlSide()) as side:
         serving = asyncio.ensure_future(side.calls.serve(link))
         with suppress(NotImplementedError):  # on Windows
             asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, serving.cancel)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from itertools import count
-from types import TracebackType
+from operator import attrgetter
 from typing import Any, Final
 
 from client.calibration import calibrated_model, calibration_of
@@ -30,7 +30,7 @@ from client.controllers.goals import (
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.manager import ControllerManager
 from client.controllers.passthrough import PassthroughTrajectoryController
-from client.controllers.running import ManagerOptions, RunningManager, reached
+from client.controllers.running import Change, ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
 from client.controllers.session import Session
 from client.driver import DriverConfig
@@ -44,8 +44,13 @@ from urproto.compat_asyncio import timeout
 from urproto.robots import RobotModel
 from urproto.versions import PolyscopeVersion
 
-SIDE: Final[Any] = Reference("side")
-"""Stands for the `ControlSide` in calls of its methods."""
+SIDE: Final[Any] = Reference("")
+"""Stands for the `ControlSide` in calls of its methods; the following stand for parts of it."""
+RUNNING: Final[Any] = Reference("running")
+SESSION: Final[Any] = Reference("session")
+STATES: Final[Any] = Reference("running.manager.hardware.states")
+LINK: Final[Any] = Reference("robot.driver.link")
+FEED: Final[Any] = Reference("robot.driver.link.feed")
 
 _ANSWER_S: Final = 15.0  # above what starting the control program may take; guess
 _ACTIVE_S: Final = 2.0  # guess: once the program runs, controllers are activated within a few cycles
@@ -53,8 +58,6 @@ _FEEDBACK_S: Final = 0.05  # action_monitor_rate is 20 Hz
 _MAX_CYCLES: Final = 10_000  # between two messages of diagnostics; guess: a message is never later than this
 _START_RAD: Final = 0.01  # MoveIt's allowed_start_tolerance
 _FOLLOWING: Final = (JointTrajectoryController, PassthroughTrajectoryController)
-
-Change = tuple[str, Any, Any]
 
 
 @dataclass(frozen=True)
@@ -92,31 +95,30 @@ class RobotFacts:
 
 
 class ControlSide:
-    """Runs the controllers of a robot once `start` is called; use it with ``async with``. calls: executes the calls."""
+    """Runs the controllers of a robot once `start` is called; close it with `aclose`. calls: executes the calls."""
 
     def __init__(self) -> None:
         self.calls = Callee(self._resolve)
         self.robot: AsyncRobot
         self.running: RunningManager
-        self._session: Session
+        self.session: Session
         self._opened = AsyncExitStack()
-        self._changes: asyncio.Queue[tuple[Change, asyncio.Future[None]]] = asyncio.Queue()
+        self._changes: asyncio.Queue[Any] = asyncio.Queue()
         self._change_done: asyncio.Future[None] | None = None
         self._subscriptions: dict[Hashable, Callable[[], None]] = {}
         self._goals: dict[int, tuple[Any, GoalHandle | Call]] = {}
         self._numbers = count(1)
         self._times_s: deque[float] = deque(maxlen=_MAX_CYCLES)  # of the cycles since the last diagnostics
 
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def aclose(self) -> None:
+        """Bring the arm to rest, and close everything."""
         await self._opened.aclose()
 
     def _resolve(self, key: Any) -> Any:
-        return self if key == SIDE.key else self._manager.controller(key[1])
+        """A part of this object by its path, or a controller by its name."""
+        if isinstance(key, str):
+            return attrgetter(key)(self) if key else self
+        return self._manager.controller(*key)
 
     @property
     def _manager(self) -> ControllerManager:
@@ -137,12 +139,10 @@ class ControlSide:
             arm = link.configuration
             model = calibrated_model(arm, calibration_of(await link.kinematics())) if arm else None
             loaded = self.running.load_all()
-            self.running.on_loaded.append(lambda one: self._report("loaded", ControllerFacts.of(one)))
-            self.running.on_unloaded.append(lambda one: self._report("unloaded", one.name))
-            self.running.on_parameters.append(lambda one, values: self._report("parameters", one.name, dict(values)))
+            self.running.on_change.append(self._on_change)
             self._manager.on_cycle.append(lambda: self._times_s.append(self._manager.time_s))
-            self._session = Session(self.running)
-            opening.push_async_callback(self._session.close)
+            self.session = Session(self.running)
+            opening.push_async_callback(self.session.close)
             opening.enter_context(real_time(control.driver.config.realtime))
             await opening.enter_async_context(self.running.at_work(options))
             await opening.enter_async_context(ManagerServer(self.running, place))
@@ -168,32 +168,20 @@ class ControlSide:
                 while not controller.active:
                     await self.running.control.cycles()
 
-    async def waiting(self, options: ManagerOptions) -> str:
-        """See `RunningManager.waiting`."""
-        return self.running.waiting(options)
-
-    async def ready(self, options: ManagerOptions) -> str:
-        """See `RunningManager.ready`."""
-        return await self.running.ready(options)
-
     # controllers
 
-    async def request(self, do: str, arguments: Mapping[str, Any]) -> Any:
-        """Carry out a request of `client.controllers.session`."""
-        return await self._session.request(do, **arguments)
-
-    async def _report(self, kind: str, what: Any, values: Any = None) -> None:
-        """Wait until the nodes have followed a change: whoever has loaded a controller finds its node."""
+    async def _on_change(self, controller: Controller[Any], change: Change, values: Mapping[str, Any]) -> None:
+        """Wait until the nodes have followed: whoever has loaded a controller finds its node."""
         done = asyncio.get_running_loop().create_future()
-        self._changes.put_nowait(((kind, what, values), done))
+        self._changes.put_nowait((ControllerFacts.of(controller), change, dict(values), done))
         await done
 
-    async def next_change(self) -> Change:
-        """Wait for a controller that is loaded or unloaded, or whose parameters change; the one before is done."""
+    async def next_change(self) -> tuple[ControllerFacts, Change, dict[str, Any]]:
+        """Wait for the next change of a controller; the nodes have followed the one before."""
         if self._change_done is not None and not self._change_done.done():
             self._change_done.set_result(None)
-        change, self._change_done = await self._changes.get()
-        return change
+        *change, self._change_done = await self._changes.get()
+        return tuple(change)
 
     def states(self) -> tuple[list[tuple[str, str]], str]:
         """States of all controllers, by name, and of the hardware component."""
@@ -235,13 +223,13 @@ class ControlSide:
         key: Hashable,
         controller: Any,
         source: str,
-        read: "Callable[[ControlSide, Any], Any] | None",
         every_s: float,
         latched: bool,
+        all_states: bool,
     ) -> None:
         """Send a topic's messages from now on, at most one in ``every_s`` of robot time; latched: its newest, too.
 
-        read: makes what is sent of a message.
+        all_states: send the values of all state interfaces instead.
         """
         self.unsubscribe(key)
         topic: Topic[Any] = getattr(controller, source)
@@ -249,7 +237,7 @@ class ControlSide:
 
         def publish(message: Any) -> None:
             if due.is_time(self._manager.time_s):
-                self.calls.publish(key, lambda: read(self, message) if read else message)
+                self.calls.publish(key, self._manager.hardware.states.get if all_states else lambda: message)
 
         self._subscriptions[key] = topic.subscribe(publish)
         if latched and topic.latest is not None:
@@ -260,10 +248,6 @@ class ControlSide:
         if (end := self._subscriptions.pop(key, None)) is not None:
             end()
         self.calls.withdraw(key)
-
-    def all_states(self, _: Any = None) -> list[float]:
-        """The values of all state interfaces."""
-        return self._manager.hardware.states.get()
 
     # goals
 
@@ -371,14 +355,6 @@ class ControlSide:
     def configuration(self) -> tuple[float, ...]:
         """The current joint angles [rad]. Raises StaleStateError."""
         return tuple(map(float, self.robot.driver.link.feed.fresh()["actual_q"]))
-
-    def is_silent(self) -> bool:
-        """Whether the robot sends no states."""
-        return self.robot.driver.link.feed.silent
-
-    async def send_script(self, script: str) -> None:
-        """Send a script to the robot."""
-        await self.robot.driver.link.send_script(script)
 
     async def set_mode(self, feedback: Hashable, request: ModeRequest) -> None:
         """Bring the arm to a mode. feedback: key of the messages with its modes. Raises URError."""

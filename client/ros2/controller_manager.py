@@ -12,9 +12,9 @@ from lifecycle_msgs.msg import State
 
 from client.controllers.configuration import sections, text_of
 from client.controllers.controller import CONTROLLER_TYPES, LifecycleState
-from client.controllers.session import BEST_EFFORT, STRICT
+from client.controllers.session import BEST_EFFORT, STRICT, Session
 from client.errors import ClientError, ControllerError
-from client.ros2.control_side import SIDE, ControlSide, RobotFacts
+from client.ros2.control_side import SESSION, SIDE, ControlSide, RobotFacts
 from client.ros2.diagnostics import Diagnostics
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from urproto.errors import URError
@@ -70,7 +70,7 @@ class ControllerManagerNode:
 
     def _request(self, do: str, **arguments: Any) -> Any:
         """Send a request of `client.controllers.session`. Raises URError."""
-        return self._host.do(ControlSide.request, SIDE, do, arguments)
+        return self._host.do(Session.request, SESSION, do, **arguments)
 
     def _declare(self) -> None:
         values: dict[str, Any] = {"update_rate": int(self._facts.update_rate_hz)}

@@ -7,6 +7,7 @@ from typing import Any, Final
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from client.controllers.running import Change
 from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
@@ -38,24 +39,20 @@ class ControllerNodes:
             self._host, self._facts, self._outbox, self._transforms, RemoteController(self._host, controller)
         )
 
-    def close(self, name: str) -> None:
-        """Close the node of a controller that has been unloaded."""
-        self._nodes.pop(name).close()
-
     async def follow_changes(self) -> None:
         """Open, close and update nodes as controllers are loaded, unloaded and given parameters without them."""
         while True:
-            kind, what, values = await self._host.call(ControlSide.next_change, SIDE)
+            controller, change, values = await self._host.call(ControlSide.next_change, SIDE)
             try:
-                if kind == "loaded":
-                    await in_thread(self.open, what)
-                elif kind == "unloaded":
-                    await in_thread(self.close, what)
+                if change is Change.LOADED:
+                    await in_thread(self.open, controller)
+                elif change is Change.UNLOADED:
+                    await in_thread(self._nodes.pop(controller.name).close)
                 else:
                     changed = [Parameter(name, value=value) for name, value in values.items()]
-                    await in_thread(self._nodes[what].node.set_parameters, changed)
+                    await in_thread(self._nodes[controller.name].node.set_parameters, changed)
             except Exception:  # of one controller: the others go on
-                _logger.exception("the node of a controller could not follow it: %s", kind)
+                _logger.exception("the node of %s could not follow it", controller.name)
 
     def close_all(self) -> None:
         """Close all nodes."""

@@ -16,10 +16,11 @@ from typing import Any
 
 from client.cameras import CameraClient
 from client.controllers.broadcasters import JointStateBroadcaster
+from client.controllers.running import RunningManager
 from client.errors import Ros2Error
 from client.ros2.cameras import CameraNode
 from client.ros2.control_process import control_process
-from client.ros2.control_side import SIDE, ControllerFacts, ControlSide, RobotFacts
+from client.ros2.control_side import RUNNING, SIDE, ControllerFacts, ControlSide, RobotFacts
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.dashboard import DashboardNode
@@ -72,11 +73,11 @@ class Ros2Driver:
 
     async def waiting(self) -> str:
         """What the user has to do until the driver is ready; empty if nothing."""
-        return str(await self.host.call(ControlSide.waiting, SIDE, self._options))
+        return str(await self.host.call(RunningManager.waiting, RUNNING, self._options))
 
     async def ready(self) -> str:
         """Say that the driver is ready; with make_ready, first wait until the control program runs."""
-        return str(await self.host.call(ControlSide.ready, SIDE, self._options))
+        return str(await self.host.call(RunningManager.ready, RUNNING, self._options))
 
     async def ended(self) -> None:
         """Wait for the end of the control loop, which raises Ros2Error: the nodes cannot do without it."""

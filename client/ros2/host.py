@@ -262,7 +262,7 @@ class RemoteController:
         self.kind: type[Controller[Any]] = facts.kind
         self.parameters = facts.parameters
         self.joints = facts.joints
-        self.reference = Reference(("controller", facts.name))
+        self.reference = Reference((facts.name,))
 
     def do(self, method: Callable[..., Any], *args: Any) -> Any:
         """Call one of its methods."""

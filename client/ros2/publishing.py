@@ -78,7 +78,7 @@ class _Channel:
     def subscription(self, key: Hashable) -> tuple[Any, ...]:
         """The call that subscribes to the controller's topic."""
         row, controller = self._row, self._controller.reference
-        return ControlSide.subscribe, SIDE, key, controller, row.source, row.read, row.every_s, row.latched
+        return ControlSide.subscribe, SIDE, key, controller, row.source, row.every_s, row.latched, row.all_states
 
     def subscribers_changed(self) -> bool:
         """Update whether the topic has subscribers; returns whether this has changed."""

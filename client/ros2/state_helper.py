@@ -7,7 +7,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from client.driver import DriverConfig
-from client.ros2.control_side import SIDE, ControlSide
+from client.ros2.control_side import FEED, SIDE, ControlSide
 from client.ros2.host import NodeHost, interface
 from client.ros2.mode_setter import ModeRequest, Modes
 from urproto.errors import URError
@@ -48,7 +48,7 @@ class StateHelperNode:
     # in the node's thread
 
     def _accept(self, goal: Any) -> GoalResponse:
-        if self._host.do(ControlSide.is_silent, SIDE):
+        if self._host.do(getattr, FEED, "silent"):
             self.node.get_logger().error("set_mode: goal rejected: the robot sends no states, so its mode is unknown")
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT

@@ -99,7 +99,7 @@ class Publication:
 
     controller: type of the controller. source: attribute with the controller's topic. fill: sets a message's fields;
     returns False if there is nothing to publish. latched: late subscribers get the last message. every_s: shortest
-    interval by the robot's clock. read: what the control loop sends instead of the topic's messages.
+    interval by the robot's clock. all_states: ``fill`` gets the values of all state interfaces instead of a message.
     """
 
     controller: type[Controller[Any]]
@@ -110,7 +110,7 @@ class Publication:
     latched: bool = False
     depth: int = 1
     every_s: float = 0.0
-    read: Callable[[ControlSide, Any], Any] | None = None
+    all_states: bool = False
 
 
 @dataclass(frozen=True)
@@ -332,7 +332,7 @@ PUBLICATIONS: Final = (
         "dynamic_joint_states",
         "control_msgs/msg/DynamicJointState",
         _dynamic_joint_states,
-        read=ControlSide.all_states,
+        all_states=True,
     ),
     Publication(PoseBroadcaster, "topic", "/tf", "tf2_msgs/msg/TFMessage", _tcp_frame, depth=TF_DEPTH),
     Publication(PoseBroadcaster, "topic", "~/pose", "geometry_msgs/msg/PoseStamped", _pose),

@@ -12,7 +12,8 @@ from typing import Any, Final
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from client.ros2.control_side import SIDE, ControlSide
+from client.controllers.controller import Interfaces
+from client.ros2.control_side import STATES
 from client.ros2.host import NodeHost, interface
 from client.ros2.topics import TF_DEPTH, PublishingContext
 from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec
@@ -41,12 +42,12 @@ class Transforms:
         Raises the exception that ``refuse`` creates if a frame is not published.
         """
         requested = set(frames)
-        states = await self._host.call(ControlSide.all_states, SIDE)
+        states = await self._host.call(Interfaces.get, STATES)
         others = {frame for frame in requested if self._scene.pose_of(frame, states) is None}
         nearest_known = {}
         if others:
             nearest_known = await self._listen(others)
-            states = await self._host.call(ControlSide.all_states, SIDE)
+            states = await self._host.call(Interfaces.get, STATES)
         poses = {}
         for frame in requested:
             anchor, pose = nearest_known.get(frame, (frame, ZERO6))

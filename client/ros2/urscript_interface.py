@@ -10,9 +10,10 @@ from rcl_interfaces.msg import ParameterDescriptor
 from std_msgs.msg import String
 
 from client.driver import DriverConfig
+from client.driver.link import RobotLink
 from client.errors import ScriptFailedError
 from client.primary import STOP_PROGRAM, PrimaryClient
-from client.ros2.control_side import SIDE, ControlSide
+from client.ros2.control_side import LINK
 from client.ros2.host import NodeHost
 from client.ros2.one_goal import OneGoalAction
 from client.scripts import FATAL_LEVELS, is_secondary
@@ -61,7 +62,7 @@ class URScriptNode:
             self.node.get_logger().error("script_command: not sent, because a goal of execute_script is being executed")
             return
         try:
-            await self._host.task(self.node, self._host.call(ControlSide.send_script, SIDE, script.data))
+            await self._host.task(self.node, self._host.call(RobotLink.send_script, LINK, script.data))
         except URError as error:
             self.node.get_logger().error(f"script_command: {error}")
 

@@ -7,7 +7,7 @@ import socket
 import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import ExitStack, asynccontextmanager, contextmanager
+from contextlib import ExitStack, aclosing, asynccontextmanager, contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -126,7 +126,7 @@ class Lab:
 async def in_this_process(side: ControlSide) -> AsyncIterator[socket.socket]:
     """Execute the calls of nodes here, as the process of the control loop does, so that a test sees its objects."""
     link, its_link = socket.socketpair()
-    async with side:
+    async with aclosing(side):
         serving = asyncio.ensure_future(side.calls.serve(its_link))
         try:
             with link:

@@ -167,7 +167,7 @@ async def test_the_arm_comes_to_rest_when_the_nodes_die() -> None:
         options = ManagerOptions(HOST, driver_options(robot), controller="forward_velocity_controller")
         caller = Caller(link, print, lambda: None)
         await asyncio.wrap_future(caller.call(ControlSide.start, SIDE, options))
-        command = Reference(("controller", options.controller)), ForwardCommandController.command, (0.0,) * 5 + (0.3,)
+        command = Reference((options.controller,)), ForwardCommandController.command, (0.0,) * 5 + (0.3,)
         await asyncio.wrap_future(caller.call(ControlSide.deliver, SIDE, *command))
         while abs(robot.controller.snapshot.actual_qd[5]) < 0.1:
             await asyncio.sleep(0.01)
