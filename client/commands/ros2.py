@@ -13,6 +13,8 @@ from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS
 
 if TYPE_CHECKING:
+    import socket
+
     from client.ros2.options import DriverOptions
 
 _CONTROLLER = "scaled_joint_trajectory_controller"
@@ -49,9 +51,10 @@ def ros2_command(
 ) -> None:
     """Run the ROS 2 driver: nodes, topics, services and actions as in ur_robot_driver. See docs/ros2.md."""
     cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate)
-    prepare()
     if setup:
+        prepare()
         return
+    from client.ros2.control_process import control_process
     from client.ros2.options import DriverOptions
 
     options = DriverOptions(
@@ -70,7 +73,9 @@ def ros2_command(
         ros_arguments=tuple(argument for argument in ros_arguments or () if argument != "--ros-args"),
     )
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
-    run(serve(options))
+    with control_process() as link:  # starts meanwhile
+        prepare()
+        run(serve(options, link))
 
 
 def prepare() -> None:
@@ -90,11 +95,11 @@ def prepare() -> None:
         typer.echo(f"to use the message packages in other programs: . {packages.setup_file}", err=True)
 
 
-async def serve(options: "DriverOptions") -> None:
-    """Run the driver until cancelled. Raises Ros2Error when the control loop ends by itself."""
+async def serve(options: "DriverOptions", link: "socket.socket") -> None:
+    """Run the driver until cancelled. link: to the process of the control loop; if that ends, raises Ros2Error."""
     from client.ros2.driver import Ros2Driver
 
-    async with Ros2Driver(options) as driver:
+    async with Ros2Driver(options, link) as driver:
         if text := await driver.waiting():
             typer.echo(text, err=True)
         typer.echo(await driver.ready(), err=True)

@@ -8,8 +8,8 @@ import os
 import signal
 import socket
 import subprocess
-from collections.abc import AsyncIterator
-from contextlib import aclosing, asynccontextmanager, suppress
+from collections.abc import Iterator
+from contextlib import aclosing, contextmanager, suppress
 from typing import Final
 
 from client.ros2.control_side import ControlSide
@@ -18,29 +18,25 @@ from urproto.compat import module_command
 _ENDS_S: Final = 10.0  # guess: a ramp to rest and the end of a recording take less
 
 
-@asynccontextmanager
-async def control_process() -> AsyncIterator[socket.socket]:
-    """Run the process; yields the connection, and waits for the end of the process, which follows that of the nodes."""
+@contextmanager
+def control_process() -> Iterator[socket.socket]:
+    """Run the process; yields the connection, whose end is also the end of the process, and waits for it."""
     link, its_link = socket.socketpair()
-    with link:
-        with its_link:
-            process = subprocess.Popen(
-                module_command(__name__),
-                stdin=its_link.fileno(),
-                start_new_session=True,  # Ctrl-C is for the nodes, which then end the connection
-            )
-        try:
-            yield link
-        finally:
-            await asyncio.to_thread(_await_end, process)
-
-
-def _await_end(process: "subprocess.Popen[bytes]") -> None:
+    with its_link:
+        process = subprocess.Popen(
+            module_command(__name__),
+            stdin=its_link.fileno(),
+            start_new_session=True,  # Ctrl-C is for the nodes, which then end the connection
+        )
     try:
-        process.wait(_ENDS_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+        yield link
+    finally:
+        link.close()
+        try:
+            process.wait(_ENDS_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 async def work(link: socket.socket) -> None:
@@ -54,4 +50,4 @@ async def work(link: socket.socket) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(work(socket.socket(fileno=os.dup(0))))
+    asyncio.run(work(socket.socket(fileno=os.dup(0))))  # standard input stays open, and the connection, until the end

@@ -9,7 +9,7 @@ import importlib.util
 import logging
 import socket
 from collections.abc import Callable
-from contextlib import AbstractAsyncContextManager, AsyncExitStack
+from contextlib import AsyncExitStack
 from functools import partial
 from types import TracebackType
 from typing import Any
@@ -19,7 +19,6 @@ from client.controllers.broadcasters import JointStateBroadcaster
 from client.controllers.running import RunningManager
 from client.errors import Ros2Error
 from client.ros2.cameras import CameraNode
-from client.ros2.control_process import control_process
 from client.ros2.control_side import RUNNING, SIDE, ControllerFacts, ControlSide, RobotFacts
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
@@ -41,25 +40,22 @@ _logger = logging.getLogger(__name__)
 class Ros2Driver:
     """The nodes of one robot. Use it with ``async with``, which waits until the robot can be reached.
 
-    control: runs the control loop, and yields the connection to it. host: runs the nodes.
+    link: connection to the process of the control loop. host: runs the nodes.
     """
 
-    def __init__(
-        self,
-        options: DriverOptions,
-        control: Callable[[], AbstractAsyncContextManager[socket.socket]] = control_process,
-    ) -> None:
+    def __init__(self, options: DriverOptions, link: socket.socket) -> None:
         self._options = options
-        self._control = control
+        self._link = link
         self._opened = AsyncExitStack()
         self.host: NodeHost
 
     async def __aenter__(self) -> "Ros2Driver":
         async with AsyncExitStack() as opening:
             options = self._options
-            link = await opening.enter_async_context(self._control())
             self.host = host = await opening.enter_async_context(
-                NodeHost(link, domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments)
+                NodeHost(
+                    self._link, domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments
+                )
             )
             await self._open_nodes(opening, host, await host.call(ControlSide.start, SIDE, options))
             opening.callback(host.end)  # first of all, the arm comes to rest

@@ -38,7 +38,10 @@ class Robot:
         self.joints = JOINTS
         self.prefix = ""
         self.at_rest = True
-        link = SimpleNamespace(configuration=None, robot_mode=RobotMode.RUNNING, safety_mode=SafetyMode.NORMAL)
+        feed = SimpleNamespace(silent=False)
+        link = SimpleNamespace(
+            configuration=None, robot_mode=RobotMode.RUNNING, safety_mode=SafetyMode.NORMAL, feed=feed
+        )
         state = {"actual_q": (0.0, 0.0), "target_speed_fraction": 1.0}
         config = SimpleNamespace(host=ROBOT)
         self.driver = SimpleNamespace(link=link, state=state, config=config, program_running=True)

@@ -151,8 +151,7 @@ async def laboratory(
         side = ControlSide()
         async with (
             peer(domain) as other,
-            Ros2Driver(
-                DriverOptions(host, options, domain=domain, **of_driver), control=lambda: in_this_process(side)
-            ) as driver,
+            in_this_process(side) as link,
+            Ros2Driver(DriverOptions(host, options, domain=domain, **of_driver), link) as driver,
         ):
             yield Lab(robot, driver, side, other)

@@ -32,7 +32,7 @@ async def _live(host: str, domain: int) -> str:
     options = DriverOptions(host, {"silence_s": 0.4, "start_timeout_s": 1.0, **_PORTS}, domain=domain)
     try:
         with suppress(TimeoutError):
-            async with timeout(LIVED_S), Ros2Driver(options, lambda: in_this_process(ControlSide())):
+            async with timeout(LIVED_S), in_this_process(ControlSide()) as link, Ros2Driver(options, link):
                 await asyncio.sleep(LIVED_S)
     except URError as error:
         return str(error)

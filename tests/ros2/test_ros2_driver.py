@@ -12,9 +12,10 @@ from typing import Any
 import pytest
 from driver_rig import HOME, driver_options, emulator
 from ros2_requests import SUCCEEDED, TRIGGER, begin, follow, shifted, states, until
-from ros2_rig import HOST, PATIENCE_S, SCALED, Lab, laboratory
+from ros2_rig import HOST, PATIENCE_S, SCALED, Lab, in_this_process, laboratory
 
 from client.errors import ClientError
+from client.ros2.control_side import ControlSide
 from client.ros2.driver import DriverOptions, Ros2Driver
 from client.ros2.host import NodeHost, interface_if_any
 from emulator.app import Emulator
@@ -156,8 +157,8 @@ async def test_a_driver_that_is_cancelled_while_it_makes_a_node_leaves_none(monk
         spin(host, node)
 
     monkeypatch.setattr(NodeHost, "spin", held)
-    async with emulator("ur3") as robot:
-        opening = asyncio.ensure_future(Ros2Driver(DriverOptions(HOST, driver_options(robot))).__aenter__())
+    async with emulator("ur3") as robot, in_this_process(ControlSide()) as link:
+        opening = asyncio.ensure_future(Ros2Driver(DriverOptions(HOST, driver_options(robot)), link).__aenter__())
         await at_work.wait()
         opening.cancel()
         loop.call_later(0.2, go_on.set)

@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from typing import Any
 
 import pytest
@@ -137,10 +137,10 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 async def test_a_node_that_computes_does_not_delay_the_control_loop(ros: int) -> None:
-    with EmulatorProcess(["--model", "ur3"]) as robot:
+    with EmulatorProcess(["--model", "ur3"]) as robot, control_process() as link:
         ports = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
         options = DriverOptions(robot.host, ports, domain=ros, make_ready=True)
-        async with timeout(PATIENCE_S), Ros2Driver(options) as driver:
+        async with timeout(PATIENCE_S), Ros2Driver(options, link) as driver:
             call = driver.host.call
             assert await call(eval, "[name for name in __import__('sys').modules if name.startswith('rcl')]") == []
             await call(ControlSide.take_cycle_times, SIDE)
@@ -151,11 +151,20 @@ async def test_a_node_that_computes_does_not_delay_the_control_loop(ros: int) ->
     assert dict(states)[SCALED] == "active"
 
 
+@asynccontextmanager
+async def in_process() -> AsyncIterator[socket.socket]:
+    """The process, whose end does not block the robot in this one."""
+    with ExitStack() as stack:
+        yield stack.enter_context(control_process())
+        await asyncio.to_thread(stack.close)
+
+
 async def test_the_driver_ends_with_the_process_of_the_control_loop(ros: int) -> None:
     async with (
         emulator("ur3") as robot,
         timeout(PATIENCE_S),
-        Ros2Driver(DriverOptions(HOST, driver_options(robot), domain=ros)) as driver,
+        in_process() as link,
+        Ros2Driver(DriverOptions(HOST, driver_options(robot), domain=ros), link) as driver,
     ):
         os.kill(await driver.host.call(os.getpid), signal.SIGKILL)
         with pytest.raises(Ros2Error, match="has ended"):
@@ -163,7 +172,7 @@ async def test_the_driver_ends_with_the_process_of_the_control_loop(ros: int) ->
 
 
 async def test_the_arm_comes_to_rest_when_the_nodes_die() -> None:
-    async with emulator("ur3") as robot, timeout(PATIENCE_S), control_process() as link:
+    async with emulator("ur3") as robot, timeout(PATIENCE_S), in_process() as link:
         options = ManagerOptions(HOST, driver_options(robot), controller="forward_velocity_controller")
         caller = Caller(link, print, lambda: None)
         await asyncio.wrap_future(caller.call(ControlSide.start, SIDE, options))
