@@ -5,6 +5,9 @@ controller and all that move nothing. The subscriber is a third process, whose c
 
 For the setpoints a further process commands a joint angle a little off, to an arm at rest, and takes the time until
 the first RTDE state whose target has left the place has come.
+
+Under load, processes that compute without a pause compete for the cores, and what the driver logs is counted: control
+programs that ended because nothing came from it, and arms that were stopped because a setpoint came too late.
 """
 
 import asyncio
@@ -13,12 +16,14 @@ import os
 import random
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, contextmanager
-from typing import Final
+from pathlib import Path
+from typing import IO, Final
 
-from processes import cpu_s
+from processes import family_cpu_s
 from table import Table
 
 from client import RTDEClient
@@ -30,6 +35,12 @@ HOST: Final = "127.0.0.79"
 _DOMAIN: Final = "79"
 _SETTLED_S: Final = 5.0  # after the start
 SAMPLES: Final = 300
+LOADED_S: Final = 60.0
+_BUSY: Final = 6  # processes
+_LOST: Final = "the control program has ended"
+_LATE: Final = "the arm was stopped"
+_READY: Final = "ready: "
+_START_S: Final = 60.0
 _ROUNDS: Final = 2  # of each, by turns: what else the machine does meets both
 _FORWARD: Final = "forward_position_controller"
 _TOPIC: Final = f"/{_FORWARD}/commands"
@@ -72,12 +83,58 @@ def _share(words: list[str], seconds: float, *, subscribed: bool) -> float:
             message_packages.ensure()
             running.enter_context(_process([sys.executable, __file__, "subscribe"], {**environment, **os.environ}))
             time.sleep(_SETTLED_S)
-        before_s, began_s = cpu_s(process.pid), time.monotonic()
+        before_s, began_s = family_cpu_s(process.pid), time.monotonic()
         time.sleep(seconds)
-        used = cpu_s(process.pid) - before_s
+        used = family_cpu_s(process.pid) - before_s
         if process.poll() is not None:
             raise RuntimeError(f"{' '.join(words)} has ended by itself")
         return used / (time.monotonic() - began_s)
+
+
+def under_load(seconds: float = LOADED_S) -> Table:
+    """One row for the controllers alone and one for the driver with a subscriber."""
+    found = [_loaded(words, seconds) for words in (["controllers", "serve"], ["ros2"])]
+    names = ["`ur-client controllers serve`", "`ur-client ros2`, with a subscriber of `/joint_states`"]
+    rows = [
+        [name, str(log.count(_LOST)), str(log.count(_LATE)), f"{share:.1%}", f"{ready_s:.1f} s"]
+        for name, (log, share, ready_s) in zip(names, found, strict=True)
+    ]
+    about = (
+        f"Controllers of an emulated UR5e at 500 Hz, for {seconds:g} s next to {_BUSY} processes that compute without "
+        "a pause. Requirement: no control program is lost."
+    )
+    columns = ["process", "lost control programs", "late setpoints", "cost", "start to ready, without load"]
+    return Table("ROS 2 driver under load", about, columns, rows)
+
+
+def _loaded(words: list[str], seconds: float) -> tuple[str, float, float]:
+    """What a process logs under load, its cost, and the time until it was ready before [s]."""
+    environment = {**os.environ, "ROS_DOMAIN_ID": _DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    with ExitStack() as running:
+        log = Path(running.enter_context(tempfile.TemporaryDirectory())) / "log"
+        errors = running.enter_context(log.open("wb"))
+        running.enter_context(_process([sys.executable, __file__, "serve"], environment))
+        time.sleep(_SETTLED_S)
+        command, began_s = [sys.executable, "-m", "client", *words, "--robot-ip", HOST], time.monotonic()
+        process = running.enter_context(_process(command, environment, errors))
+        while _READY not in log.read_text():
+            if process.poll() is not None or time.monotonic() - began_s > _START_S:
+                raise RuntimeError(f"{' '.join(words)} does not get ready: {log.read_text()}")
+            time.sleep(0.01)
+        ready_s = time.monotonic() - began_s
+        if words == ["ros2"]:
+            from client.ros2 import message_packages
+
+            message_packages.ensure()
+            running.enter_context(_process([sys.executable, __file__, "subscribe"], {**environment, **os.environ}))
+        time.sleep(_SETTLED_S)
+        with ExitStack() as load:
+            for _ in range(_BUSY):
+                load.enter_context(_process([sys.executable, "-c", "while True: pass"], environment))
+            before_s, began_s = family_cpu_s(process.pid), time.monotonic()
+            time.sleep(seconds)
+            share = (family_cpu_s(process.pid) - before_s) / (time.monotonic() - began_s)
+        return log.read_text(), share, ready_s
 
 
 def latency(samples: int = SAMPLES) -> Table:
@@ -200,9 +257,11 @@ _COMMANDERS: Final = {"socket": _by_socket, "topic": _by_topic}
 
 
 @contextmanager
-def _process(command: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
+def _process(
+    command: list[str], environment: dict[str, str], errors: IO[bytes] | int = subprocess.DEVNULL
+) -> Iterator[subprocess.Popen[bytes]]:
     quiet = subprocess.DEVNULL
-    process = subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet)
+    process = subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=quiet, stderr=errors)
     try:
         yield process
     finally:
@@ -234,6 +293,9 @@ if __name__ == "__main__":
         sys.stdout.write(measure().markdown())
     elif sys.argv[1:] == ["latency"]:
         sys.stdout.write(latency().markdown())
+    elif sys.argv[1:] == ["load"]:
+        sys.stdout.write(under_load().markdown())
     else:
         sys.stdout.write(measure().markdown())
         sys.stdout.write(latency().markdown())
+        sys.stdout.write(under_load().markdown())

@@ -255,14 +255,9 @@ async def _until_terminated(work: Coroutine[Any, Any, None]) -> None:
 
 async def announce(running: RunningManager, options: ManagerOptions) -> None:
     """Print that the manager is ready; with make_ready, first wait until the control program runs."""
-    if options.make_ready and not running.control.driver.program_running:
-        typer.echo(
-            f"waiting for the control program: {options.robot_ip}, {running.summary()}. "
-            "Load and play a program with External Control on the robot.",
-            err=True,
-        )
-        await running.program_runs()
-    typer.echo(f"ready: {options.robot_ip}, {running.summary()}. Ctrl-C ends it.", err=True)
+    if text := running.waiting(options):
+        typer.echo(text, err=True)
+    typer.echo(await running.ready(options), err=True)
 
 
 async def follow(

@@ -1,6 +1,5 @@
 """``ur-client ros2``: the nodes of the official ROS 2 driver for a robot, on rclpy."""
 
-import asyncio
 import sys
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,26 +8,19 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from client.commands.cameras import CameraNames, CameraOptions, CameraPort, CameraRate
-from client.commands.control import (
-    ControllersOption,
-    Headless,
-    InitialController,
-    MakeReady,
-    announce,
-    controllers_file,
-    run,
-)
+from client.commands.control import ControllersOption, Headless, InitialController, MakeReady, controllers_file, run
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS, read_settings
-from client.driver.scheduling import real_time
 from client.errors import Ros2Error
 
 if TYPE_CHECKING:
-    from client.ros2.driver import DriverOptions
+    import socket
+
     from client.ros2.message_packages import MessagePackages
+    from client.ros2.options import DriverOptions
 
 _CAMERA_HZ = 10.0
-_SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a setpoint
+_SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a command
 
 
 def ros2_command(
@@ -76,18 +68,11 @@ def ros2_command(
         settings = read_settings(driver or ())
     except ValueError as error:
         raise typer.BadParameter(f"--driver {error}") from None
-    packages = prepare()
     if setup:
-        from client.ros2.overlay import write_overlay
-
-        try:
-            typer.echo(f"source {write_overlay(packages)}")
-        except OSError as error:
-            raise Ros2Error(f"cannot write the launch files: {error}") from error
+        write_packages(prepare())
         return
-    if packages.setup_file is not None:
-        typer.echo(f"to use the message packages in other programs: . {packages.setup_file}", err=True)
-    from client.ros2.driver import DriverOptions
+    from client.ros2.control_process import control_process
+    from client.ros2.options import DriverOptions
 
     options = DriverOptions(
         robot_ip,
@@ -108,7 +93,21 @@ def ros2_command(
         ros_arguments=tuple(argument for argument in ros_arguments or () if argument != "--ros-args"),
     )
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
-    run(serve(options))
+    with control_process() as link:  # starts meanwhile
+        packages = prepare()
+        if packages.setup_file is not None:
+            typer.echo(f"to use the message packages in other programs: . {packages.setup_file}", err=True)
+        run(serve(options, link))
+
+
+def write_packages(messages: "MessagePackages") -> None:
+    """Write the packages with the launch files, and print how to use them. Raises Ros2Error."""
+    from client.ros2.overlay import write_overlay
+
+    try:
+        typer.echo(f"source {write_overlay(messages)}")
+    except OSError as error:
+        raise Ros2Error(f"cannot write the launch files: {error}") from error
 
 
 def prepare() -> "MessagePackages":
@@ -127,11 +126,12 @@ def prepare() -> "MessagePackages":
     return packages
 
 
-async def serve(options: "DriverOptions") -> None:
-    """Run the driver until cancelled."""
+async def serve(options: "DriverOptions", link: "socket.socket") -> None:
+    """Run the driver until cancelled. link: to the process of the control loop; if that ends, raises Ros2Error."""
     from client.ros2.driver import Ros2Driver
 
-    async with Ros2Driver(options) as driver:
-        with real_time("auto"):  # for the event loop alone: the threads of the nodes have been started already
-            await announce(driver.running, options)
-            await asyncio.Event().wait()
+    async with Ros2Driver(options, link) as driver:
+        if text := await driver.waiting():
+            typer.echo(text, err=True)
+        typer.echo(await driver.ready(), err=True)
+        await driver.ended()

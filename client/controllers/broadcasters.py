@@ -1,7 +1,7 @@
 """Broadcasters: controllers that command nothing and publish what the hardware reports, once per cycle."""
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
 from client.controllers.controller import Controller, Interfaces, Topic, controller_type
 from client.controllers.parameters import without_effect
@@ -15,8 +15,7 @@ _POSE: Final = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class JointState:
+class JointState(NamedTuple):
     """State of joints (n,): [rad, rad/s], and effort as the hardware reports it (for UR: motor currents [A])."""
 
     time_s: float
@@ -100,8 +99,7 @@ class SpeedScalingStateBroadcaster(Controller[SpeedScalingParameters]):
         self.topic.publish(100.0 * self.states.get()[0])
 
 
-@dataclass(frozen=True, slots=True)
-class WrenchStamped:
+class WrenchStamped(NamedTuple):
     """Force [N] (3,) and torque [Nm] (3,) in the frame ``frame_id``."""
 
     time_s: float
@@ -212,8 +210,7 @@ def _six(numbers: WrenchOffsets | WrenchFactors) -> tuple[float, ...]:
     return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
 
 
-@dataclass(frozen=True, slots=True)
-class PoseStamped:
+class PoseStamped(NamedTuple):
     """Position [m] (3,) and orientation as a quaternion x, y, z, w (4,) of ``child_frame_id`` in ``frame_id``."""
 
     time_s: float

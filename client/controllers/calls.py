@@ -35,6 +35,7 @@ class CallingController(Controller[Parameters]):
     def __init__(self, name: str, parameters: Parameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self._calls = Calls(self.commands)
+        self._silence = ""  # why the robot cannot answer
 
     def on_activate(self, time_s: float) -> None:
         self._calls = Calls(self.commands, self.parameters.tf_prefix)
@@ -42,14 +43,24 @@ class CallingController(Controller[Parameters]):
     def on_deactivate(self) -> None:
         self._calls.end_all("the controller was deactivated")
 
+    def on_silence(self, reason: str) -> None:
+        self._silence = reason
+        self._calls.end_all(reason)
+
     def update(self, time_s: float, period_s: float) -> None:
+        self._silence = ""
         self._calls.update(time_s)
 
     def _send(
         self, title: str, values: Mapping[str, float], answer: str, has_effect: Callable[[], bool] | None = None
     ) -> "Call":
-        """See `Calls.send`. Raises ControllerError while the controller is not active, and for non-finite numbers."""
+        """See `Calls.send`.
+
+        Raises ControllerError while the controller is not active or the robot silent, and for non-finite numbers.
+        """
         self.check_active()
+        if self._silence:
+            raise self.error(f"{title}: {self._silence}")
         if wrong := [value for value in values.values() if not isfinite(value)]:
             raise self.error(f"{title}: {wrong[0]} cannot be set: give finite numbers")
         return self._calls.send(title, values, answer, has_effect)

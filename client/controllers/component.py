@@ -25,19 +25,25 @@ _logger = logging.getLogger(__name__)
 class HardwareComponent:
     """The arm as a hardware component; methods are called in the event loop.
 
-    name: the component's name in ros2_control. state: state of the component, which is independent of the robot's.
+    name: the component's name in ros2_control.
     """
 
     def __init__(self, control: RobotControl, name: str, *, headless: bool) -> None:
         self.name = name
-        self.state = LifecycleState.ACTIVE
+        self._state = LifecycleState.ACTIVE
         self._control = control
         self._headless = headless
 
     @property
+    def state(self) -> LifecycleState:
+        """The state that was requested last; an active component is inactive while the robot sends nothing."""
+        silent = self._state is LifecycleState.ACTIVE and self._control.driver.link.feed.silent
+        return LifecycleState.INACTIVE if silent else self._state
+
+    @property
     def available(self) -> bool:
         """Whether its interfaces are available; those of an inactive component are."""
-        return self.state is not LifecycleState.UNCONFIGURED
+        return self._state is not LifecycleState.UNCONFIGURED
 
     async def go_to(self, target: LifecycleState) -> None:
         """Change the state. Raises ControllerError.
@@ -50,12 +56,12 @@ class HardwareComponent:
         hardware: Any = self._control.manager.hardware
         if target is LifecycleState.ACTIVE:
             hardware.withheld = None
-        elif self.state is not target:
+        elif self._state is not target:
             manager = self._control.manager
             hardware.withheld = f"the hardware component {self.name} is {target}: activate it first"
             manager.stop_motion(hardware.withheld)
             manager.switch(deactivate=[one.name for one in manager.modifying()])
-        before, self.state = self.state, target
+        before, self._state = self._state, target
         if target is LifecycleState.UNCONFIGURED:
             await self._control.driver.stop_program()
         elif target is LifecycleState.ACTIVE and before is LifecycleState.UNCONFIGURED and self._headless:

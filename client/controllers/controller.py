@@ -236,6 +236,9 @@ class Controller(Generic[Parameters]):
     def on_halt(self, reason: str) -> None:
         """Handle a stop that had another cause: abort what is under way, and start afresh from the arm's position."""
 
+    def on_silence(self, reason: str) -> None:
+        """Handle a robot that sends no states: end what would wait for them, until `update` is called again."""
+
     def update(self, time_s: float, period_s: float) -> None:
         """Run one cycle: read the states, set the commands.
 

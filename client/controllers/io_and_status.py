@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
 from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Topic, controller_type
@@ -32,8 +32,7 @@ _COMMANDS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class IOStates:
+class IOStates(NamedTuple):
     """Levels of the 18 digital signals (0-7 standard, 8-15 configurable, 16-17 tool) and of the analog ones.
 
     An analog signal is in V where its type is 1, in A where it is 0.
@@ -46,8 +45,7 @@ class IOStates:
     analog_types: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class ToolData:
+class ToolData(NamedTuple):
     """Data of the tool connector: [V], [A], [degC]; mode is one of urproto.modes.ToolMode.
 
     An analog input is in V where its type is 1, in A where it is 0.
@@ -96,6 +94,10 @@ class GPIOController(CallingController[GPIOParameters]):
     def state_interfaces(self) -> tuple[str, ...]:
         prefix = self.parameters.tf_prefix
         return (f"{prefix}gpio/*", f"{prefix}speed_scaling/*", f"{prefix}payload/*")
+
+    def on_silence(self, reason: str) -> None:
+        super().on_silence(reason)
+        _publish_if_changed(self.program_running, False)
 
     def update(self, time_s: float, period_s: float) -> None:
         super().update(time_s, period_s)

@@ -92,8 +92,8 @@ class ControlLoop:
         self.driver.link.on_silence.remove(self._on_silence)
 
     def _on_silence(self) -> None:
-        """End all motions: without states there are no more cycles that would end them."""
-        self.manager.stop_motion("the robot sends nothing: check the network, then activate again")
+        """End all motions and requests: without states there are no more cycles that would end them."""
+        self.manager.fall_silent("the robot sends nothing: check the network, then activate again")
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

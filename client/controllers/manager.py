@@ -281,6 +281,12 @@ class ControllerManager:
             self._deactivate_failed(moving)
             notify(self.on_stop, [controller.name for controller in moving])
 
+    def fall_silent(self, reason: str) -> None:
+        """Take note that no states come until the next cycle; controllers that do not move the arm stay active."""
+        self.stop_motion(reason)
+        for controller in self.active():
+            controller.on_silence(reason)
+
     def _deactivate_failed(self, controllers: Iterable[Controller[Any]]) -> None:
         for controller in controllers:
             try:

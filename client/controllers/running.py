@@ -9,6 +9,7 @@ import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Any, Final
 
 from client.calibration import model_of
@@ -104,11 +105,19 @@ def _check_type(control: RobotControl, wanted: str) -> None:
         raise RobotRefused("driver", f"it is a {model.title}, not a {wanted}", advice)
 
 
+class Change(Enum):
+    """What happened to a controller."""
+
+    LOADED = auto()
+    UNLOADED = auto()
+    PARAMETERS = auto()
+
+
 class RunningManager:
     """The manager of a connected robot, with callbacks for changes of its controllers.
 
-    component: the arm as a hardware component of ros2_control. on_loaded, on_unloaded: awaited with a controller that
-    was loaded or unloaded. on_parameters: awaited with a controller and its changed parameters, by names with dots.
+    component: the arm as a hardware component of ros2_control. on_change: awaited with a controller that was loaded,
+    unloaded or given parameters, which of these, and the parameters, by names with dots.
     """
 
     def __init__(self, control: RobotControl, *, headless: bool = True) -> None:
@@ -116,9 +125,7 @@ class RunningManager:
         arm = control.driver.link.configuration
         model = model_of(arm) if arm else None
         self.component = HardwareComponent(control, model.name if model else "ur", headless=headless)
-        self.on_loaded: list[Callable[[Controller[Any]], Awaitable[object]]] = []
-        self.on_unloaded: list[Callable[[Controller[Any]], Awaitable[object]]] = []
-        self.on_parameters: list[Callable[[Controller[Any], Mapping[str, Any]], Awaitable[object]]] = []
+        self.on_change: list[Callable[[Controller[Any], Change, Mapping[str, Any]], Awaitable[object]]] = []
 
     @property
     def manager(self) -> ControllerManager:
@@ -132,23 +139,26 @@ class RunningManager:
     ) -> Controller[Any]:
         """Like `ControllerManager.load`. Raises ControllerError."""
         controller: Controller[Any] = self.manager.load(name, type_name, parameters)
-        for callback in self.on_loaded:
-            await callback(controller)
+        await self._report(controller, Change.LOADED)
         return controller
 
     async def unload(self, name: str) -> None:
         """Like `ControllerManager.unload`. Raises ControllerError."""
         controller = self.manager.controller(name)
         self.manager.unload(name)
-        for callback in self.on_unloaded:
-            await callback(controller)
+        await self._report(controller, Change.UNLOADED)
 
     async def set_parameters(self, name: str, values: Mapping[str, Any]) -> None:
         """Set parameters of a controller; on an error, none is changed. Raises ControllerError."""
         controller = self.manager.controller(name)
         controller.reconfigure(with_changes(controller.parameters_type, controller.parameters, values, name))
-        for callback in self.on_parameters:
-            await callback(controller, values)
+        await self._report(controller, Change.PARAMETERS, values)
+
+    async def _report(
+        self, controller: Controller[Any], change: Change, values: Mapping[str, Any] | None = None
+    ) -> None:
+        for callback in self.on_change:
+            await callback(controller, change, values or {})
 
     # life cycle
 
@@ -197,13 +207,22 @@ class RunningManager:
                 except ClientError as error:
                     _logger.warning("%s", error)
 
-    async def program_runs(self) -> None:
-        """Wait until the control program runs, without a timeout."""
-        while not self.control.driver.program_running:
-            await asyncio.sleep(_CHECK_S)
+    def waiting(self, options: ManagerOptions) -> str:
+        """What the user has to do until the manager is ready; empty if nothing."""
+        if not options.make_ready or self.control.driver.program_running:
+            return ""
+        return (
+            f"waiting for the control program: {options.robot_ip}, {self._summary()}. "
+            "Load and play a program with External Control on the robot."
+        )
 
-    def summary(self) -> str:
-        """Summary of the controllers and the control program."""
+    async def ready(self, options: ManagerOptions) -> str:
+        """Say that the manager is ready; with make_ready, first wait until the control program runs."""
+        while options.make_ready and not self.control.driver.program_running:
+            await asyncio.sleep(_CHECK_S)
+        return f"ready: {options.robot_ip}, {self._summary()}. Ctrl-C ends it."
+
+    def _summary(self) -> str:
         infos, active = self.manager.list_controllers(), self.manager.active()
         program = "is running" if self.control.driver.program_running else "is not running yet"
         return f"{len(infos)} controllers, {len(active)} of them active; the control program {program}"

@@ -169,6 +169,7 @@ class Session:
             "name": controller.name,
             "type": controller.type_name,
             "state": str(controller.state),
+            "update_rate": int(controller.update_rate_hz),
             "claimed_interfaces": commands if controller.active else [],
             "required_command_interfaces": commands if configured else [],
             "required_state_interfaces": self._manager.state_interfaces_of(controller) if configured else [],

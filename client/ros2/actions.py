@@ -1,25 +1,20 @@
 """Actions of controllers: following trajectories, motion primitives, and tool contact detection.
 
 A goal is passed to the controller before it is accepted, so that the client is refused what the controller refuses.
-The controller ends the goal in the event loop, which wakes the action's coroutine in the node's thread.
+Then the action's coroutine in the node's thread awaits a call to the control loop, answered when the goal ends.
 """
 
 import math
-import time
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from typing import Any, ClassVar, Final
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 
-from client.controllers.calls import Call
 from client.controllers.compliance import ToolContactController
-from client.controllers.control import RobotControl
-from client.controllers.controller import Controller
 from client.controllers.goals import (
     Feedback,
     FollowJointTrajectory,
-    GoalHandle,
     GoalStatus,
     MotionPrimitive,
     PrimitiveType,
@@ -29,49 +24,48 @@ from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.motion_primitives import MotionPrimitivesForwardController
 from client.controllers.passthrough import PassthroughTrajectoryController
 from client.errors import ClientError
-from client.ros2.host import NodeHost, interface, interface_if_any
+from client.ros2.control_side import SIDE, ControlSide, feedback_key
+from client.ros2.host import NodeHost, RemoteController, interface, interface_if_any, stamp
 from client.ros2.topics import CommandContext, seconds, set_point, trajectory
 from client.ros2.transforms import Transforms, pose_in
 from urproto.errors import URError
 from urproto.robots.pose import Pose
 from urproto.text import quoted
 
-_FEEDBACK_S: Final = 0.05  # action_monitor_rate is 20 Hz
 _ARGUMENTS: Final = ("velocity", "acceleration", "move_time")  # of motion primitives
 
 
-def serve_actions(
-    host: NodeHost, node: Node, controller: Controller[Any], control: RobotControl, transforms: Transforms
-) -> None:
+def serve_actions(host: NodeHost, node: Node, controller: RemoteController, transforms: Transforms) -> None:
     """Offer a controller's actions on its node, which must already spin."""
-    if isinstance(controller, (JointTrajectoryController, PassthroughTrajectoryController)):
-        FollowTrajectoryAction(host, node, controller, control)
-    elif isinstance(controller, ToolContactController):
+    if issubclass(controller.kind, (JointTrajectoryController, PassthroughTrajectoryController)):
+        FollowTrajectoryAction(host, node, controller)
+    elif issubclass(controller.kind, ToolContactController):
         ToolContactAction(host, node, controller)
-    elif isinstance(controller, MotionPrimitivesForwardController):
+    elif issubclass(controller.kind, MotionPrimitivesForwardController):
         if interface_if_any(MotionSequenceAction.type_name) is None:
             node.get_logger().warning(
                 f"~/motion_sequence is not offered: this distribution has no {MotionSequenceAction.type_name}"
             )
         else:
-            MotionSequenceAction(host, node, controller, control, transforms)
+            MotionSequenceAction(host, node, controller, transforms)
 
 
 class _Action:
     """An action of a controller; goals are accepted one at a time and executed in that order.
 
-    A subclass begins a goal in the event loop, executes it in the node's thread, and stops it in the event loop.
+    A subclass begins a goal, which the control loop numbers, and converts its end to a result.
     """
 
     name: ClassVar[str]
     type_name: ClassVar[str]
 
-    def __init__(self, host: NodeHost, node: Node, controller: Any) -> None:
+    def __init__(self, host: NodeHost, node: Node, controller: RemoteController) -> None:
         self._host = host
         self._node = node
         self._controller = controller
         self._type = interface(self.type_name)
         self._accepted: Any = None  # the goal begun but not yet executed: callbacks come one after the other
+        self._numbers: dict[bytes, int] = {}  # of goals under way
         self._server = ActionServer(
             node,
             self._type,
@@ -81,131 +75,84 @@ class _Action:
             cancel_callback=self._cancel,
         )
 
-    async def _begin(self, request: Any) -> Any:
-        """Begin a goal, in the event loop. Raises URError if the goal is refused."""
+    def _begin(self, request: Any) -> int:
+        """Begin a goal and return its number. Raises URError if the goal is refused."""
         raise NotImplementedError
 
-    async def _execute(self, goal: Any) -> Any:
-        """Wait for the end of an accepted goal, in the node's thread; return the action's result."""
-        raise NotImplementedError
+    def _end_of(self, number: int) -> Coroutine[Any, Any, Any]:
+        """Wait for the end of a goal, in the event loop."""
+        return self._host.call(ControlSide.end_of, SIDE, number)
 
-    def _stop(self, goal: Any) -> None:
-        """Cancel a goal, in the event loop. Raises ClientError if it cannot be cancelled."""
-        raise NotImplementedError
+    def _finish(self, goal: Any, end: Any) -> Any:
+        """Tell the client how its goal ended; return the action's result."""
+        status, result = end
+        if status is GoalStatus.SUCCEEDED:
+            goal.succeed()
+        elif status is GoalStatus.CANCELED and goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return self._type.Result(error_code=int(result.error_code), error_string=result.error_string)
 
     def _accept(self, request: Any) -> GoalResponse:
         try:
-            self._accepted = self._host.wait(self._begin(request))
+            self._accepted = self._begin(request)
         except URError as error:
             self._node.get_logger().error(f"goal refused: {error}")
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def _pop_accepted(self) -> Any:
-        accepted, self._accepted = self._accepted, None
-        assert accepted is not None
-        return accepted
+    async def _execute(self, goal: Any) -> Any:
+        number, self._accepted = self._accepted, None
+        name = bytes(goal.goal_id.uuid)
+        self._numbers[name] = number
+        try:
+            return self._finish(goal, await self._host.task(self._node, self._end_of(number)))
+        finally:
+            del self._numbers[name]
 
     def _cancel(self, goal: Any) -> CancelResponse:
         try:
-            self._host.do(lambda: self._stop(goal))
+            if (number := self._numbers.get(bytes(goal.goal_id.uuid))) is not None:
+                self._host.do(ControlSide.cancel, SIDE, number)
         except ClientError as error:
             self._node.get_logger().error(f"cannot cancel the goal: {error}")
             return CancelResponse.REJECT
         return CancelResponse.ACCEPT
 
 
-class _GoalAction(_Action):
-    """An action of a controller whose goals have a `GoalHandle`."""
-
-    def __init__(self, host: NodeHost, node: Node, controller: Any) -> None:
-        self._goals: dict[bytes, _RunningGoal] = {}
-        super().__init__(host, node, controller)
-
-    async def _send(self, request: Any) -> GoalHandle:
-        """Send the goal to the controller, in the event loop. Raises URError if the goal is refused."""
-        raise NotImplementedError
-
-    async def _begin(self, request: Any) -> "_RunningGoal":
-        running = _RunningGoal(await self._send(request), self._host.ending(self._node))
-        running.handle.on_end.append(running.ended.set_result)
-        return running
-
-    async def _execute(self, goal: Any) -> Any:
-        running = self._pop_accepted()
-        running.goal, self._goals[bytes(goal.goal_id.uuid)] = goal, running
-        result = await running.ended
-        del self._goals[bytes(goal.goal_id.uuid)]
-        if running.handle.status is GoalStatus.SUCCEEDED:
-            goal.succeed()
-        elif running.handle.status is GoalStatus.CANCELED and goal.is_cancel_requested:
-            goal.canceled()
-        else:
-            goal.abort()
-        return self._type.Result(error_code=int(result.error_code), error_string=result.error_string)
-
-    def _stop(self, goal: Any) -> None:
-        """Cancel the controller's goal, unless this one was replaced or has ended."""
-        running = self._goals.get(bytes(goal.goal_id.uuid))
-        if running is not None and self._controller.goal is running.handle:
-            self._controller.cancel()
-
-
-class FollowTrajectoryAction(_GoalAction):
+class FollowTrajectoryAction(_Action):
     """``~/follow_joint_trajectory`` of a controller."""
 
     name = "~/follow_joint_trajectory"
     type_name = "control_msgs/action/FollowJointTrajectory"
 
-    def __init__(self, host: NodeHost, node: Node, controller: Any, control: RobotControl) -> None:
-        self._control = control
-        super().__init__(host, node, controller)
+    def _begin(self, request: Any) -> int:
+        goal = _goal(request, CommandContext(self._host), self._controller)
+        number: int = self._host.do(ControlSide.begin_trajectory, SIDE, self._controller.reference, goal)
+        return number
 
-    async def _send(self, request: Any) -> GoalHandle:
-        goal = _goal(request, CommandContext(self._control.manager.time_s, time.time_ns()), self._controller)
-        self._controller.check_active()
-        self._controller.check(goal.trajectory)
-        self._control.check_reach(goal.trajectory, speeds=False)  # speeds: by tolerances, as in ros2_controllers
-        handle: GoalHandle = self._controller.send_goal(goal)
-        return handle
+    async def _execute(self, goal: Any) -> Any:
+        key = feedback_key(self._accepted)
+        self._host.listen(key, lambda feedback: self._publish(goal, feedback))
+        try:
+            return await super()._execute(goal)
+        finally:
+            self._host.unlisten(key)
 
-    async def _begin(self, request: Any) -> "_RunningGoal":
-        running = await super()._begin(request)
-        running.handle.on_feedback.append(lambda feedback: self._on_feedback(running, feedback))
-        return running
-
-    def _on_feedback(self, running: "_RunningGoal", feedback: Feedback) -> None:
-        """Note feedback to publish, in the event loop, within a control cycle."""
-        if running.goal is None or 0.0 <= feedback.time_s - running.fed_back_s < _FEEDBACK_S:
-            return
-        running.fed_back_s = feedback.time_s
-        self._host.loop.call_soon(self._publish, running, feedback)
-
-    def _publish(self, running: "_RunningGoal", feedback: Feedback) -> None:
-        if running.handle.done:
-            return
+    def _publish(self, goal: Any, feedback: Feedback) -> None:
         message = self._type.Feedback()
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 1_000_000_000)
+        stamp(message.header.stamp, self._host.received_ns)
         message.joint_names = list(self._controller.joints)
         set_point(message.desired, feedback.desired)
         set_point(message.actual, feedback.actual)
         set_point(message.error, feedback.error)
         if hasattr(message, "index"):
             message.index = feedback.index
-        running.goal.publish_feedback(message)
+        goal.publish_feedback(message)
 
 
-class _RunningGoal:
-    """A goal that the controller executes for a client."""
-
-    def __init__(self, handle: GoalHandle, ended: Any) -> None:
-        self.handle = handle
-        self.ended = ended
-        self.goal: Any = None
-        self.fed_back_s = -1.0
-
-
-def _goal(request: Any, now: CommandContext, controller: Any) -> FollowJointTrajectory:
+def _goal(request: Any, now: CommandContext, controller: RemoteController) -> FollowJointTrajectory:
     """Convert a request to a goal. Raises ControllerError for features that this controller lacks."""
     if request.multi_dof_trajectory.points or request.component_path_tolerance or request.component_goal_tolerance:
         raise controller.error("trajectories of joints with several degrees of freedom are not supported by this arm")
@@ -221,29 +168,23 @@ def _tolerances(messages: Any) -> dict[str, Tolerance]:
     return {one.name: Tolerance(one.position, one.velocity, one.acceleration) for one in messages}
 
 
-class MotionSequenceAction(_GoalAction):
+class MotionSequenceAction(_Action):
     """``~/motion_sequence``: motion primitives that the robot executes. No feedback, as in the official driver."""
 
     name = "~/motion_sequence"
     type_name = "control_msgs/action/ExecuteMotionPrimitiveSequence"
 
-    def __init__(
-        self, host: NodeHost, node: Node, controller: Any, control: RobotControl, transforms: Transforms
-    ) -> None:
-        self._control = control
+    def __init__(self, host: NodeHost, node: Node, controller: RemoteController, transforms: Transforms) -> None:
         self._transforms = transforms
         super().__init__(host, node, controller)
 
-    async def _send(self, request: Any) -> GoalHandle:
-        controller, messages = self._controller, request.trajectory.motions
-        controller.check_active()
+    def _begin(self, request: Any) -> int:
+        messages = request.trajectory.motions
         frames = {pose.header.frame_id for message in messages for pose in message.poses}
-        poses = await self._transforms.poses_in_base(frames, controller.error)
+        poses = self._host.wait(self._transforms.poses_in_base(frames, self._controller.error))
         primitives = tuple(self._primitive(number, message, poses) for number, message in enumerate(messages))
-        controller.check(primitives)
-        self._control.check_primitives(primitives)
-        handle: GoalHandle = controller.send_goal(primitives)
-        return handle
+        number: int = self._host.do(ControlSide.begin_primitives, SIDE, self._controller.reference, primitives)
+        return number
 
     def _primitive(self, number: int, message: Any, frames: Mapping[str, Pose]) -> MotionPrimitive:
         refuse = self._controller.error
@@ -271,22 +212,24 @@ class ToolContactAction(_Action):
     name = "~/detect_tool_contact"
     type_name = "ur_msgs/action/ToolContact"
 
-    async def _begin(self, request: Any) -> tuple[Call, Any]:
-        call, ended = self._controller.detect_tool_contact(), self._host.ending(self._node)
-        call.on_end.append(ended.set_result)
-        return call, ended
+    def _begin(self, request: Any) -> int:
+        number: int = self._host.do(ControlSide.begin_contact, SIDE, self._controller.reference)
+        return number
 
-    async def _execute(self, goal: Any) -> Any:
-        call, ended = self._pop_accepted()
-        success = await ended
-        if success:
+    async def _end_of(self, number: int) -> str:
+        """Wait for the end; return why it failed, empty if it succeeded."""
+        try:
+            await self._host.call(ControlSide.end_of_contact, SIDE, number)
+        except ClientError as error:
+            return str(error)
+        return ""
+
+    def _finish(self, goal: Any, end: str) -> Any:
+        if not end:
             goal.succeed()
         elif goal.is_cancel_requested:
             goal.canceled()
         else:
-            self._node.get_logger().error(f"detect_tool_contact: {call.message}")
+            self._node.get_logger().error(f"detect_tool_contact: {end}")
             goal.abort()
         return self._type.Result()
-
-    def _stop(self, goal: Any) -> None:
-        self._controller.cancel()

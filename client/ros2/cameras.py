@@ -53,7 +53,8 @@ class _Topics:
 class CameraNode:
     """Publishes cameras; the node spins from its creation. rate_hz: of each camera. prefix: for frames.
 
-    Stamps are the time at which an image was taken, so the robot's time has to be set with `set_robot_time`.
+    Stamps are the time at which an image was taken. robot_time: the robot's time [s], and this machine's at that moment
+    [ns since 1970]; None if images are stamped with the time of their arrival.
     """
 
     def __init__(
@@ -63,10 +64,11 @@ class CameraNode:
         cameras: Sequence[CameraDescription],
         rate_hz: float,
         prefix: str = "",
+        robot_time: Callable[[], tuple[float, int]] | None = None,
     ) -> None:
         self._host = host
         self._prefix = prefix
-        self._robot_time = (0.0, 0)  # robot time [s], and this machine's time at that moment [ns since 1970]
+        self._robot_time = robot_time
         self.node = host.node("cameras")
         self._topics = {camera: _publishers(self.node, ros_name(camera)) for camera in cameras}
         fixed = [frame for camera in cameras for frame in fixed_frames(camera, prefix)]
@@ -83,10 +85,6 @@ class CameraNode:
         warn = self.node.get_logger().warning
         self._follower = CameraFollower(client, lambda: self._required_images(), rate_hz, self._publish_shot, warn)
         self._follower.__enter__()
-
-    def set_robot_time(self, time_s: float) -> None:
-        """Set the current time of the robot."""
-        self._robot_time = time_s, time.time_ns()
 
     def close(self) -> None:
         """End the node."""
@@ -106,8 +104,11 @@ class CameraNode:
                 yield camera, "rgb.jpg"
 
     def _publish_shot(self, shot: Shot) -> None:
-        robot_s, seen_ns = self._robot_time
-        time_ns = seen_ns - round(max(0.0, robot_s - shot.time_s) * _NS) if seen_ns else time.time_ns()
+        age_s, time_ns = 0.0, time.time_ns()
+        if self._robot_time is not None:
+            robot_s, time_ns = self._robot_time()
+            age_s = max(0.0, robot_s - shot.time_s)
+        time_ns -= round(age_s * _NS)
         if moving := moving_frames(shot, self._prefix):
             self._moving.publish(_transforms(moving, time_ns))
         self._publishers_by_form[shot.form](shot, time_ns)

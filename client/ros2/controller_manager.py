@@ -4,18 +4,17 @@ Source of names, types and answers: controller_manager and controller_manager_ms
 that a distribution's messages do not have are left out.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from lifecycle_msgs.msg import State
 
-from client.controllers.component import PLUGIN
 from client.controllers.configuration import sections, text_of
-from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState
-from client.controllers.manager import ControllerManager
-from client.controllers.running import RunningManager
+from client.controllers.controller import CONTROLLER_TYPES, LifecycleState
+from client.controllers.session import BEST_EFFORT, STRICT, Session
 from client.errors import ClientError, ControllerError
+from client.ros2.control_side import SESSION, SIDE, ControlSide, RobotFacts
 from client.ros2.diagnostics import Diagnostics
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from urproto.errors import URError
@@ -45,12 +44,12 @@ _TYPES: Final = (
 
 
 class ControllerManagerNode:
-    """Offers a controller manager in ROS 2; the node spins from its creation."""
+    """Offers a controller manager in ROS 2; the node spins from its creation. prefix: of joints and interfaces."""
 
-    def __init__(self, host: NodeHost, running: RunningManager) -> None:
+    def __init__(self, host: NodeHost, facts: RobotFacts, prefix: str = "") -> None:
         self._host = host
-        self._running = running
-        self._hardware = running.component
+        self._facts = facts
+        self._prefix = prefix
         self.node = host.node(
             "controller_manager",
             allow_undeclared_parameters=True,
@@ -60,7 +59,7 @@ class ControllerManagerNode:
         for name, type_name in _TYPES:
             if (kind := interface_if_any(f"controller_manager_msgs/srv/{type_name}")) is not None:
                 self.node.create_service(kind, f"~/{name}", getattr(self, name))
-        Diagnostics(host, self.node, running)
+        Diagnostics(host, self.node, facts)
         self._activity: Any = None
         self._last_activity: Any = None
         self._activity_type = interface_if_any("controller_manager_msgs/msg/ControllerManagerActivity")
@@ -69,13 +68,13 @@ class ControllerManagerNode:
             self.node.create_timer(_ACTIVITY_S, self._publish_activity)
         host.spin(self.node)
 
-    @property
-    def _manager(self) -> ControllerManager:
-        return self._running.manager
+    def _request(self, do: str, **arguments: Any) -> Any:
+        """Send a request of `client.controllers.session`. Raises URError."""
+        return self._host.do(Session.request, SESSION, do, **arguments)
 
     def _declare(self) -> None:
-        values: dict[str, Any] = {"update_rate": int(self._manager.update_rate_hz)}
-        values.update({f"{name}.type": type_name for name, type_name in self._manager.file.types.items()})
+        values: dict[str, Any] = {"update_rate": int(self._facts.update_rate_hz)}
+        values.update({f"{name}.type": type_name for name, type_name in self._facts.types.items()})
         for name, value in values.items():
             if not self.node.has_parameter(name):
                 self.node.declare_parameter(name, value)
@@ -88,25 +87,8 @@ class ControllerManagerNode:
 
     def list_controllers(self, request: Any, response: Any) -> Any:
         """List the loaded controllers, in the order in which they were loaded."""
-        response.controller = self._host.do(lambda: [self._state_message(one) for one in self._loaded()])
+        response.controller = [_state_message(one) for one in self._request("list_controllers")]
         return response
-
-    def _loaded(self) -> list[Controller[Any]]:
-        return [self._manager.controller(info.name) for info in self._manager.list_controllers()]
-
-    def _state_message(self, controller: Controller[Any]) -> Any:
-        message = interface("controller_manager_msgs/msg/ControllerState")()
-        message.name = controller.name
-        message.type = controller.type_name
-        message.state = str(controller.state)
-        if controller.active:
-            message.claimed_interfaces = list(controller.command_interfaces)
-        if controller.state is not LifecycleState.UNCONFIGURED:
-            message.required_command_interfaces = list(controller.command_interfaces)
-            message.required_state_interfaces = self._manager.state_interfaces_of(controller)
-        if hasattr(message, "update_rate"):
-            message.update_rate = int(controller.update_rate_hz)
-        return message
 
     def list_controller_types(self, request: Any, response: Any) -> Any:
         """List the types that can be loaded."""
@@ -116,18 +98,16 @@ class ControllerManagerNode:
 
     def load_controller(self, request: Any, response: Any) -> Any:
         """Load a controller by the parameters NAME.type and NAME.params_file, or as in the controllers file."""
-        name = request.name
+        return self._try("load_controller", response, lambda: self._load(request.name))
+
+    def _load(self, name: str) -> None:
+        if not name:
+            raise ControllerError("load_controller", "the name of the controller is empty")
         try:
-            if not name:
-                raise ControllerError("load_controller", "the name of the controller is empty")
             type_name, parameters = self._type_and_parameters(name)
-            self._host.wait(self._running.load(name, type_name, parameters))
-        except (ClientError, OSError) as error:
-            self.node.get_logger().error(f"load_controller: {error}")
-            response.ok = False
-            return response
-        response.ok = True
-        return response
+        except OSError as error:
+            raise ControllerError(name, str(error)) from None
+        self._request("load_controller", name=name, type=type_name, parameters=parameters)
 
     def _type_and_parameters(self, name: str) -> tuple[str | None, dict[str, Any] | None]:
         """Type and parameters given by parameters of this node; None for those of the controllers file."""
@@ -137,7 +117,7 @@ class ControllerManagerNode:
             return type_name, None
         parameters: dict[str, Any] = {}
         for file in files:
-            found = sections(text_of(Path(file)), file, {"tf_prefix": self._running.control.prefix})
+            found = sections(text_of(Path(file)), file, {"tf_prefix": self._prefix})
             parameters = {**parameters, **found.get("**", {}), **found.get(name, {})}
         return type_name, parameters
 
@@ -150,27 +130,18 @@ class ControllerManagerNode:
 
     def configure_controller(self, request: Any, response: Any) -> Any:
         """Configure an unconfigured controller, or an inactive one once more; it is then inactive."""
-
-        def configure() -> None:
-            if self._manager.controller(request.name).state is LifecycleState.INACTIVE:
-                self._manager.cleanup(request.name)
-            self._manager.configure(request.name)
-
-        return self._try("configure_controller", configure, response)
+        return self._try_request("configure_controller", request, response)
 
     def cleanup_controller(self, request: Any, response: Any) -> Any:
         """Take a controller from inactive to unconfigured."""
-        return self._try("cleanup_controller", lambda: self._manager.cleanup(request.name), response)
+        return self._try_request("cleanup_controller", request, response)
 
     def unload_controller(self, request: Any, response: Any) -> Any:
         """Unload a controller, and end its node."""
-        try:
-            self._host.wait(self._running.unload(request.name))
-            response.ok = True
-        except ClientError as error:
-            self._log_refusal("unload_controller", error)
-            response.ok = False
-        return response
+        return self._try_request("unload_controller", request, response)
+
+    def _try_request(self, operation: str, request: Any, response: Any) -> Any:
+        return self._try(operation, response, lambda: self._request(operation, name=request.name))
 
     def reload_controller_libraries(self, request: Any, response: Any) -> Any:
         """Refused, because there are no libraries: controllers are part of this program."""
@@ -178,10 +149,10 @@ class ControllerManagerNode:
         response.ok = False
         return response
 
-    def _try(self, operation: str, work: Callable[[], object], response: Any) -> Any:
+    def _try(self, operation: str, response: Any, work: Callable[[], object]) -> Any:
         try:
-            self._host.do(work)
-        except ClientError as error:
+            work()
+        except URError as error:
             self._log_refusal(operation, error)
             response.ok = False
         else:
@@ -190,12 +161,12 @@ class ControllerManagerNode:
 
     def switch_controller(self, request: Any, response: Any) -> Any:
         """Switch controllers: with STRICT all or none, with BEST_EFFORT as many as possible."""
-        best_effort = request.strictness != request.STRICT
+        strictness = STRICT if request.strictness == request.STRICT else BEST_EFFORT
         start = [*request.activate_controllers, *getattr(request, "start_controllers", ())]
         stop = [*request.deactivate_controllers, *getattr(request, "stop_controllers", ())]
         text = "Successfully switched controllers!"
         try:
-            self._host.do(lambda: self._manager.switch(activate=start, deactivate=stop, best_effort=best_effort))
+            self._request("switch_controller", activate=start, deactivate=stop, strictness=strictness)
             response.ok = True
         except ClientError as error:
             text, response.ok = self._log_refusal("switch_controller", error), False
@@ -207,15 +178,15 @@ class ControllerManagerNode:
 
     def list_hardware_components(self, request: Any, response: Any) -> Any:
         """List the arm, which is the only component."""
+        (arm,) = self._request("list_hardware_components")
         component = interface("controller_manager_msgs/msg/HardwareComponentState")()
-        component.name = self._hardware.name
-        component.type = "system"
+        component.name, component.type = arm["name"], arm["type"]
         for field in ("plugin_name", "class_type"):
             if hasattr(component, field):
-                setattr(component, field, PLUGIN)
+                setattr(component, field, arm["plugin_name"])
         if hasattr(component, "rw_rate"):
-            component.rw_rate = int(self._manager.update_rate_hz)
-        component.state = _message(self._hardware.state)
+            component.rw_rate = int(self._facts.update_rate_hz)
+        component.state = _message(arm["state"])
         component.command_interfaces, component.state_interfaces = self._interfaces()
         response.component = [component]
         return response
@@ -227,53 +198,60 @@ class ControllerManagerNode:
 
     def _interfaces(self) -> tuple[list[Any], list[Any]]:
         kind = interface("controller_manager_msgs/msg/HardwareInterface")
-        infos = self._host.do(self._manager.list_interfaces)
         messages: dict[str, list[Any]] = {"command": [], "state": []}
-        for info in infos:
-            message = kind(name=info.name, is_available=self._hardware.available, is_claimed=bool(info.claimed_by))
+        for one in self._request("list_hardware_interfaces"):
+            message = kind(name=one["name"], is_available=one["is_available"], is_claimed=bool(one["claimed_by"]))
             if hasattr(message, "data_type"):
                 message.data_type = "double"
-            messages[info.kind].append(message)
+            messages[one["kind"]].append(message)
         return messages["command"], messages["state"]
 
     def set_hardware_component_state(self, request: Any, response: Any) -> Any:
         """Take the arm to active, inactive or unconfigured."""
-        try:
-            if request.name != self._hardware.name:
-                raise ControllerError(request.name, f"unknown hardware component: use {self._hardware.name}")
-            self._host.wait(self._hardware.go_to(self._target_state(request.target_state)))
-            response.ok = True
-        except URError as error:
-            self._log_refusal("set_hardware_component_state", error)
-            response.ok = False
-        response.state = _message(self._hardware.state)
+        operation = "set_hardware_component_state"
+
+        def set_state() -> None:
+            self._request(operation, name=request.name, state=self._target_state(request))
+
+        self._try(operation, response, set_state)
+        response.state = _message(self._host.do(ControlSide.states, SIDE)[1])
         return response
 
-    def _target_state(self, message: State) -> LifecycleState:
+    def _target_state(self, request: Any) -> str:
         """The requested state, by its number or else its label. Raises ControllerError."""
+        message = request.target_state
         if message.id in _PRIMARY:
-            return _PRIMARY[message.id]
+            return str(_PRIMARY[message.id])
         if not message.id and message.label in map(str, LifecycleState):
-            return LifecycleState(message.label)
+            return str(message.label)
         reason = f"state {message.id} {message.label!r} is not unconfigured, inactive or active"
-        raise ControllerError(self._hardware.name, reason)
+        raise ControllerError(request.name, reason)
 
     # what is published without a request
 
     def _publish_activity(self) -> None:
-        states = self._host.do(lambda: [(info.name, info.state) for info in self._manager.list_controllers()])
-        hardware = _message(self._hardware.state)
-        key = (tuple(states), hardware.id)
-        if key == self._last_activity:
+        states, hardware = found = self._host.do(ControlSide.states, SIDE)
+        if found == self._last_activity:
             return
-        self._last_activity = key
+        self._last_activity = found
         named = interface("controller_manager_msgs/msg/NamedLifecycleState")
         message = self._activity_type()
         message.header.stamp = self.node.get_clock().now().to_msg()
         message.controllers = [named(name=name, state=_message(state)) for name, state in states]
-        message.hardware_components = [named(name=self._hardware.name, state=hardware)]
+        message.hardware_components = [named(name=self._facts.component, state=_message(hardware))]
         self._activity.publish(message)
 
 
-def _message(state: LifecycleState) -> State:
-    return State(id=_STATES[state], label=str(state))
+def _state_message(controller: Mapping[str, Any]) -> Any:
+    """A ControllerState; controller: as `client.controllers.session` describes it."""
+    message = interface("controller_manager_msgs/msg/ControllerState")()
+    for field in ("name", "type", "state", "claimed_interfaces", "update_rate"):
+        if hasattr(message, field):
+            setattr(message, field, controller[field])
+    message.required_command_interfaces = controller["required_command_interfaces"]
+    message.required_state_interfaces = controller["required_state_interfaces"]
+    return message
+
+
+def _message(state: str) -> State:
+    return State(id=_STATES[LifecycleState(state)], label=state)

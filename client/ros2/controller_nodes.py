@@ -1,20 +1,18 @@
 """A node for each loaded controller, with its parameters, topics, services and actions."""
 
+import logging
 import time
-from collections.abc import Mapping
 from typing import Any, Final
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from client.controllers.control import RobotControl
-from client.controllers.controller import Controller
-from client.controllers.goals import JointTrajectory
-from client.controllers.running import RunningManager
+from client.controllers.running import Change
 from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
-from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, interface_if_any
+from client.ros2.control_side import SIDE, ControllerFacts, ControlSide, RobotFacts
+from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, in_thread, interface_if_any
 from client.ros2.publishing import Outbox, publisher
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, CommandContext, Subscription
 from client.ros2.transforms import Transforms
@@ -22,31 +20,39 @@ from urproto.log_throttle import LogThrottle
 
 _QUIET_S: Final = 1.0  # before the same error is logged again; guess
 
+_logger = logging.getLogger(__name__)
+
 
 class ControllerNodes:
     """Opens and closes the nodes of controllers. Don't call it in the event loop, which it would block."""
 
-    def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox, transforms: Transforms) -> None:
+    def __init__(self, host: NodeHost, facts: RobotFacts, outbox: Outbox, transforms: Transforms) -> None:
         self._host = host
-        self._control = running.control
+        self._facts = facts
         self._outbox = outbox
         self._transforms = transforms
         self._nodes: dict[str, ControllerNode] = {}
 
-    def open(self, controller: Controller[Any]) -> None:
+    def open(self, controller: ControllerFacts) -> None:
         """Open the node of a controller that has been loaded."""
         self._nodes[controller.name] = ControllerNode(
-            self._host, self._control, self._outbox, self._transforms, controller
+            self._host, self._facts, self._outbox, self._transforms, RemoteController(self._host, controller)
         )
 
-    def close(self, controller: Controller[Any]) -> None:
-        """Close the node of a controller that has been unloaded."""
-        self._nodes.pop(controller.name).close()
-
-    def set_parameters(self, controller: Controller[Any], values: Mapping[str, Any]) -> None:
-        """Update a controller's node after parameters were set without it."""
-        node = self._nodes[controller.name].node
-        node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
+    async def follow_changes(self) -> None:
+        """Open, close and update nodes as controllers are loaded, unloaded and given parameters without them."""
+        while True:
+            controller, change, values = await self._host.call(ControlSide.next_change, SIDE)
+            try:
+                if change is Change.LOADED:
+                    await in_thread(self.open, controller)
+                elif change is Change.UNLOADED:
+                    await in_thread(self._nodes.pop(controller.name).close)
+                else:
+                    changed = [Parameter(name, value=value) for name, value in values.items()]
+                    await in_thread(self._nodes[controller.name].node.set_parameters, changed)
+            except Exception:  # of one controller: the others go on
+                _logger.exception("the node of %s could not follow it", controller.name)
 
     def close_all(self) -> None:
         """Close all nodes."""
@@ -61,53 +67,38 @@ class ControllerNode:
     def __init__(
         self,
         host: NodeHost,
-        control: RobotControl,
+        facts: RobotFacts,
         outbox: Outbox,
         transforms: Transforms,
-        controller: Controller[Any],
+        controller: RemoteController,
     ) -> None:
         self._host = host
-        self._control = control
         self._outbox = outbox
-        self._controller = controller
         self.node: Node = host.node(controller.name)
-        parameters.declare(host, self.node, controller)
-        rows = [row for row in PUBLICATIONS if isinstance(controller, row.controller)]
+        parameters.declare(self.node, controller)
+        rows = [row for row in PUBLICATIONS if issubclass(controller.kind, row.controller)]
         publishers = [publisher(self.node, row) for row in rows]
+        self._keys = [outbox.add(controller, to, row) for row, to in zip(rows, publishers, strict=True)]
         for subscription in SUBSCRIPTIONS:
-            if isinstance(controller, subscription.controller):
-                _Listener(host, self.node, control, controller, subscription)
-        services.serve(host, self.node, controller, control, transforms)
+            if issubclass(controller.kind, subscription.controller):
+                _Listener(host, self.node, controller, subscription)
+        services.serve(host, self.node, controller, facts.version, transforms)
         host.spin(self.node)
-        serve_actions(host, self.node, controller, control, transforms)
-
-        def add() -> list[Any]:
-            return [
-                outbox.add(getattr(controller, row.source), to, row) for row, to in zip(rows, publishers, strict=True)
-            ]
-
-        self._channels = host.do(add)
+        serve_actions(host, self.node, controller, transforms)
 
     def close(self) -> None:
         """End the node; not from its own thread."""
-
-        def remove() -> None:
-            for channel in self._channels:
-                self._outbox.remove(channel)
-
-        self._host.do(remove)
+        for key in self._keys:
+            self._outbox.remove(key)
         self._host.close(self.node)
 
 
 class _Listener:
     """Passes a topic's newest message to a controller: the queue of the subscription has length one."""
 
-    def __init__(
-        self, host: NodeHost, node: Node, control: RobotControl, controller: Controller[Any], row: Subscription
-    ) -> None:
+    def __init__(self, host: NodeHost, node: Node, controller: RemoteController, row: Subscription) -> None:
         self._host = host
         self._node = node
-        self._control = control
         self._controller = controller
         self._row = row
         self._reason = ""  # why the last one was refused
@@ -117,18 +108,10 @@ class _Listener:
 
     def _on_message(self, message: Any) -> None:
         try:
-            command = self._row.command(message, CommandContext(self._control.manager.time_s, time.time_ns()))
-            self._host.do(lambda: self._deliver(command))
+            command = self._row.command(message, CommandContext(self._host))
+            self._host.do(ControlSide.deliver, SIDE, self._controller.reference, self._row.hand_over, command)
         except ClientError as error:
             self._log_refusal(str(error))
-
-    def _deliver(self, command: Any) -> None:
-        if isinstance(command, JointTrajectory):
-            self._controller.check_active()
-            controller: Any = self._controller
-            controller.check(command)
-            self._control.check_reach(command, speeds=False)
-        self._row.hand_over(self._controller, command)
 
     def _log_refusal(self, text: str) -> None:
         if text != self._reason:

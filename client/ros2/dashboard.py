@@ -20,8 +20,8 @@ from std_srvs.srv import Trigger
 
 from client import dashboard
 from client.dashboard import BlockingDashboardClient, Operation
+from client.driver import DriverConfig
 from client.errors import ClientError, ConnectionLostError
-from client.robot import AsyncRobot
 from client.ros2.host import NodeHost, interface_if_any
 from urproto.dashboard import ProgramState
 from urproto.errors import RemoteProtocolError, RobotRefused, URError
@@ -211,8 +211,7 @@ class DashboardNode:
     parameter ``autoconnect``, only ``connect`` does.
     """
 
-    def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
-        config = robot.driver.config
+    def __init__(self, host: NodeHost, config: DriverConfig) -> None:
         self.node = host.node(NAME)
         fixed = ParameterDescriptor(read_only=True)
         self._address = self.node.declare_parameter("robot_ip", config.host, fixed).value

@@ -5,7 +5,6 @@ because every state of the robot should have a cycle. The execution time of cont
 """
 
 import statistics
-from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Final
@@ -14,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from client.controllers.controller import LifecycleState
-from client.controllers.running import RunningManager
+from client.ros2.control_side import SIDE, ControlSide, RobotFacts
 from client.ros2.host import NodeHost
 
 _PERIOD_S: Final = 1.0  # diagnostic_updater
@@ -23,7 +22,6 @@ _WARN_HZ: Final = (
 )
 _ERROR_HZ: Final = 10.0
 _HARDWARE_ID: Final = "ros2_control"
-_MAX_CYCLES: Final = 10_000  # cycles between two messages; guess: a message is never later than this
 
 Values = Sequence[tuple[str, str]]
 
@@ -31,52 +29,44 @@ Values = Sequence[tuple[str, str]]
 class Diagnostics:
     """Publishes the state of a controller manager through its node."""
 
-    def __init__(self, host: NodeHost, node: Node, running: RunningManager) -> None:
+    def __init__(self, host: NodeHost, node: Node, facts: RobotFacts) -> None:
         self._host = host
         self._node = node
-        self._running = running
-        self._times_s: deque[float] = deque(
-            maxlen=_MAX_CYCLES
-        )  # of cycles since the last message, by the robot's clock
-        manager = running.manager
-        manager.on_cycle.append(lambda: self._times_s.append(manager.time_s))
+        self._facts = facts
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
         node.create_timer(_PERIOD_S, self._publish)
 
     def _publish(self) -> None:
-        message = DiagnosticArray(status=self._host.do(self._statuses))
+        controllers, component = self._host.do(ControlSide.states, SIDE)
+        times_s = self._host.do(ControlSide.take_cycle_times, SIDE)
+        message = DiagnosticArray(
+            status=[self._controllers(controllers, component), self._hardware(component), self._cycle(times_s)]
+        )
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
-    def _statuses(self) -> list[DiagnosticStatus]:
-        return [self._controllers(), self._hardware(), self._cycle()]
-
-    def _controllers(self) -> DiagnosticStatus:
-        infos = self._running.manager.list_controllers()
-        states = [(f"{info.name}.state", str(info.state)) for info in infos]
-        if self._running.component.state is not LifecycleState.ACTIVE:
+    def _controllers(self, controllers: Values, component: str) -> DiagnosticStatus:
+        if component != LifecycleState.ACTIVE:
             level, text = DiagnosticStatus.ERROR, "No hardware components are currently active to activate controllers"
-        elif not infos:
+        elif not controllers:
             level, text = DiagnosticStatus.WARN, "No controllers are currently loaded"
-        elif all(info.state is LifecycleState.ACTIVE for info in infos):
+        elif all(state == LifecycleState.ACTIVE for _, state in controllers):
             level, text = DiagnosticStatus.OK, "All controllers are active"
         else:
             level, text = DiagnosticStatus.OK, "Not all controllers are active"
+        states = [(f"{name}.state", state) for name, state in controllers]
         return _status("Controllers Activity", level, text, states)
 
-    def _hardware(self) -> DiagnosticStatus:
-        component = self._running.component
-        if component.state is LifecycleState.ACTIVE:
+    def _hardware(self, component: str) -> DiagnosticStatus:
+        if component == LifecycleState.ACTIVE:
             level, text = DiagnosticStatus.OK, "All hardware components are active"
         else:
             level, text = DiagnosticStatus.WARN, "No hardware components are currently active"
-        values = [(f"{component.name}.state", str(component.state))]
-        return _status("Hardware Components Activity", level, text, values)
+        return _status("Hardware Components Activity", level, text, [(f"{self._facts.component}.state", component)])
 
-    def _cycle(self) -> DiagnosticStatus:
-        """Status of the control cycle. Runs in the event loop, like the cycles."""
-        times_s, wanted_hz = list(self._times_s), self._running.manager.update_rate_hz
-        self._times_s.clear()
+    def _cycle(self, times_s: Sequence[float]) -> DiagnosticStatus:
+        """Status of the control cycle."""
+        wanted_hz = self._facts.update_rate_hz
         rates_hz = [1.0 / (after - before) for before, after in pairwise(times_s) if after > before] or [0.0]
         average_hz, deviation_hz = statistics.fmean(rates_hz), statistics.pstdev(rates_hz)
         values = [

@@ -1,30 +1,31 @@
 """The ROS 2 driver: a robot and its controllers, as the nodes of the official driver.
 
-Controllers run in the event loop with each state of the robot. Each node has a separate thread (`client.ros2.host`).
+Controllers run in a separate process (`client.ros2.control_process`), each node in a separate thread
+(`client.ros2.host`).
 """
 
 import asyncio
 import importlib.util
 import logging
-import re
+import socket
+from collections.abc import Callable
 from contextlib import AsyncExitStack
-from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
-from typing import Any, Final
+from typing import Any
 
-from client.calibration import calibrated_model, calibration_of
 from client.cameras import CameraClient
 from client.controllers.broadcasters import JointStateBroadcaster
 from client.controllers.configuration import trajectory_controller
-from client.controllers.control import RobotControl
-from client.controllers.running import ManagerOptions, RunningManager, reached
-from client.controllers.serving import ManagerServer, claim
+from client.controllers.running import RunningManager
 from client.errors import Ros2Error
 from client.ros2.cameras import CameraNode
+from client.ros2.control_side import RUNNING, SIDE, ControllerFacts, ControlSide, RobotFacts
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.dashboard import DashboardNode
-from client.ros2.host import NodeHost, in_thread
+from client.ros2.host import NodeHost, RemoteController, in_thread
+from client.ros2.options import DriverOptions
 from client.ros2.publishing import Outbox
 from client.ros2.state_helper import StateHelperNode
 from client.ros2.state_publisher import RobotStatePublisher
@@ -33,62 +34,32 @@ from client.ros2.trajectory_until import TrajectoryUntilNode
 from client.ros2.transforms import Transforms
 from client.ros2.urscript_interface import URScriptNode
 from urproto.extras import how_to_install
-from urproto.ports import CAMERA_PORT
-
-_PREFIX: Final = re.compile(r"|[A-Za-z_][A-Za-z0-9_]*")
 
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class DriverOptions(ManagerOptions):
-    """Options as in `ur_control.launch.py`, under this project's names.
+class Ros2Driver:
+    """The nodes of one robot. Use it with ``async with``, which waits until the robot can be reached.
 
-    namespace: of all nodes. domain: ROS domain, None for ROS_DOMAIN_ID. dashboard_client, robot_state_publisher:
-    whether there are nodes of these names. cameras: names of the cameras to publish; `client.cameras.ALL_CAMERAS` for
-    all. camera_port: the emulator's camera port. camera_hz: images per second of each.
+    link: connection to the process of the control loop. host: runs the nodes.
     """
 
-    namespace: str = ""
-    domain: int | None = None
-    ros_arguments: tuple[str, ...] = ()
-    dashboard_client: bool = True
-    robot_state_publisher: bool = True
-    cameras: tuple[str, ...] = ()
-    camera_port: int = CAMERA_PORT
-    camera_hz: float = 10.0
-
-    def __post_init__(self) -> None:
-        """Raise Ros2Error for an invalid tf_prefix."""
-        if not _PREFIX.fullmatch(self.tf_prefix):
-            raise Ros2Error(f"{self.tf_prefix!r} is not a valid prefix: use letters, digits and _, as in left_")
-
-
-class Ros2Driver:
-    """The nodes of one robot. Use it with ``async with``, which waits until the robot can be reached."""
-
-    def __init__(self, options: DriverOptions) -> None:
+    def __init__(self, options: DriverOptions, link: socket.socket) -> None:
         self._options = options
+        self._link = link
         self._opened = AsyncExitStack()
-        self.running: RunningManager
-
-    @property
-    def control(self) -> RobotControl:
-        """The robot and its control loop."""
-        return self.running.control
+        self.host: NodeHost
 
     async def __aenter__(self) -> "Ros2Driver":
         async with AsyncExitStack() as opening:
             options = self._options
-            place = opening.enter_context(claim(options.robot_ip, options.rtde_port))
-            control = await opening.enter_async_context(reached(options))
-            self.running = RunningManager(control, headless=options.headless)
-            host = await opening.enter_async_context(
-                NodeHost(domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments)
+            self.host = host = await opening.enter_async_context(
+                NodeHost(
+                    self._link, domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments
+                )
             )
-            await self._open_nodes(opening, host)
-            await opening.enter_async_context(self.running.at_work(options))
-            await opening.enter_async_context(ManagerServer(self.running, place))
+            await self._open_nodes(opening, host, await host.call(ControlSide.start, SIDE, options))
+            opening.callback(host.end)  # first of all, the arm comes to rest
             self._opened = opening.pop_all()
         return self
 
@@ -97,56 +68,67 @@ class Ros2Driver:
     ) -> None:
         await self._opened.aclose()
 
-    async def _open_nodes(self, opening: AsyncExitStack, host: NodeHost) -> None:
-        running, control, prefix = self.running, self.control, self._options.tf_prefix
-        manager = running.manager
-        scene = PublishingContext(prefix, manager.hardware.states)
+    async def waiting(self) -> str:
+        """What the user has to do until the driver is ready; empty if nothing."""
+        return str(await self.host.call(RunningManager.waiting, RUNNING, self._options))
+
+    async def ready(self) -> str:
+        """Say that the driver is ready; with make_ready, first wait until the control program runs."""
+        return str(await self.host.call(RunningManager.ready, RUNNING, self._options))
+
+    async def ended(self) -> None:
+        """Wait for the end of the control loop, which raises Ros2Error: the nodes cannot do without it."""
+        await self.host.ended()
+        raise Ros2Error("the process of the control loop has ended: see its last messages, and start the driver again")
+
+    async def _open_nodes(self, opening: AsyncExitStack, host: NodeHost, facts: RobotFacts) -> None:
+        options, prefix, model = self._options, self._options.tf_prefix, facts.model
+        scene = PublishingContext(prefix, facts.states)
         outbox = Outbox(host, scene)
         opening.callback(outbox.close)
-        manager.on_cycle.append(lambda: setattr(outbox, "time_s", manager.time_s))
-        arm = control.driver.link.configuration
-        model = calibrated_model(arm, calibration_of(await control.driver.link.kinematics())) if arm else None
-        controllers = ControllerNodes(host, running, outbox, Transforms(host, scene))
+        controllers = ControllerNodes(host, facts, outbox, Transforms(host, scene))
         opening.push_async_callback(in_thread, controllers.close_all)
-        loaded = running.load_all()
-        for controller in loaded:
+        for controller in sorted(facts.controllers, key=_is_inactive):
             await in_thread(controllers.open, controller)
-        running.on_loaded.append(lambda one: in_thread(controllers.open, one))
-        running.on_unloaded.append(lambda one: in_thread(controllers.close, one))
-        running.on_parameters.append(lambda one, values: in_thread(controllers.set_parameters, one, values))
-        broadcasters = [one for one in loaded if isinstance(one, JointStateBroadcaster)]
+        changes = asyncio.ensure_future(controllers.follow_changes())
+        opening.callback(changes.cancel)
+        broadcasters = [one for one in facts.controllers if issubclass(one.kind, JointStateBroadcaster)]
         if model is None:
             _logger.warning("unknown model of arm: robot_description and the arm's frames on /tf are not published")
-        elif broadcasters and self._options.robot_state_publisher:
-            states = await in_thread(RobotStatePublisher, host, outbox, model, broadcasters[0], prefix)
-            opening.push_async_callback(in_thread, states.close)
-        await in_thread(ControllerManagerNode, host, running)
-        await in_thread(lambda: host.spin(host.node(running.component.name.lower())))
-        dashboard = (DashboardNode,) if self._options.dashboard_client else ()
-        nodes: tuple[Any, ...] = (*dashboard, StateHelperNode, URScriptNode)
-        for kind in nodes:
-            node = await in_thread(kind, host, control.robot)
-            opening.push_async_callback(in_thread, node.close)
-        if self._options.cameras:
+        elif broadcasters and options.robot_state_publisher:
+            await self._open(
+                opening, RobotStatePublisher, host, outbox, model, RemoteController(host, broadcasters[0]), prefix
+            )
+        await in_thread(ControllerManagerNode, host, facts, prefix)
+        await in_thread(lambda: host.spin(host.node(facts.component.lower())))
+        for kind in ((DashboardNode,) if options.dashboard_client else ()) + (StateHelperNode, URScriptNode):
+            await self._open(opening, kind, host, facts.config)
+        if options.cameras:
             await self._open_cameras(opening, host)
-        follows = self._options.initial_controller or trajectory_controller(manager.file.types)
-        until = await in_thread(TrajectoryUntilNode, host, follows)
-        opening.push_async_callback(in_thread, until.close)
+        follows = options.initial_controller or trajectory_controller(facts.types)
+        await self._open(opening, TrajectoryUntilNode, host, follows)
         if model is not None and can_plan():
             from client.ros2.move_group.node import MoveGroupNode
 
-            group = await in_thread(MoveGroupNode, host, control, model, prefix)
-            opening.push_async_callback(in_thread, group.close)
+            await self._open(opening, MoveGroupNode, host, model, prefix)
+
+    async def _open(self, opening: AsyncExitStack, kind: Callable[..., Any], *arguments: Any) -> None:
+        node = await in_thread(kind, *arguments)
+        opening.push_async_callback(in_thread, node.close)
 
     async def _open_cameras(self, opening: AsyncExitStack, host: NodeHost) -> None:
         """Start the camera node. Raises CameraError for cameras that do not exist."""
-        options, manager = self._options, self.running.manager
+        options = self._options
         client = CameraClient(options.robot_ip, options.camera_port)
         opening.callback(client.close)
         cameras = await asyncio.to_thread(client.chosen, options.cameras)
-        node = await in_thread(CameraNode, host, client, cameras, options.camera_hz, options.tf_prefix)
-        opening.push_async_callback(in_thread, node.close)
-        manager.on_cycle.append(lambda: node.set_robot_time(manager.time_s))
+        robot_time = partial(host.do, ControlSide.robot_time, SIDE)
+        await self._open(opening, CameraNode, host, client, cameras, options.camera_hz, options.tf_prefix, robot_time)
+
+
+def _is_inactive(controller: ControllerFacts) -> bool:
+    """Whether a controller is not active from the beginning: the nodes of those that are come first."""
+    return not controller.active
 
 
 def can_plan() -> bool:

@@ -1,8 +1,9 @@
-"""The nodes of this process, each in a separate thread, and the event loop in which controllers run.
+"""The nodes of this process, each in a separate thread, and their calls to the control loop.
 
-ROS callbacks run in their node's thread. Access to controllers goes through `NodeHost.do` and `NodeHost.wait`, which
-run in the event loop between two cycles. Messages are published from the loop. A node that waits, for example in a
-service that waits for the robot, blocks only itself.
+ROS callbacks run in their node's thread. Controllers and the robot belong to the process of the control loop, which
+`NodeHost.do` and `NodeHost.call` call; what it publishes is passed on in the thread that receives it. Coroutines of
+nodes run in this process's event loop. A node that waits, for example in a service that waits for the robot, blocks
+only itself.
 
 There is no common executor for all nodes, because rclpy's executor rebuilds its wait set for each message, over all
 entities of all its nodes. Here that would be 300 entities, which takes milliseconds.
@@ -11,9 +12,11 @@ entities of all its nodes. Here that would be 300 entities, which takes millisec
 import asyncio
 import concurrent.futures
 import logging
+import socket
 import threading
+import time
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Hashable, Sequence
 from importlib import import_module
 from types import TracebackType
 from typing import Any, TypeVar
@@ -27,7 +30,10 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.task import Future
 from rclpy.validate_namespace import validate_namespace
 
-from client.errors import Ros2Error
+from client.controllers.controller import Controller
+from client.errors import ControllerError, Ros2Error
+from client.ros2.control_side import SIDE, ControllerFacts, ControlSide
+from client.ros2.remote_calls import Caller, Reference
 
 Result = TypeVar("Result")
 
@@ -75,18 +81,33 @@ async def in_thread(function: Callable[..., Result], *arguments: Any) -> Result:
 class NodeHost:
     """Nodes of one ROS context; use it with ``async with``.
 
-    domain: ROS domain, None for ROS_DOMAIN_ID. namespace: of all nodes, without leading and trailing slashes.
-    ros_arguments: as after ``--ros-args``.
+    link: connection to the process of the control loop; None for nodes that make no calls. domain: ROS domain, None for
+    ROS_DOMAIN_ID. namespace: of all nodes, without leading and trailing slashes. ros_arguments: as after
+    ``--ros-args``. received_ns: when the messages arrived that are being passed on, by this machine's clock.
     """
 
-    def __init__(self, *, domain: int | None = None, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        link: socket.socket | None = None,
+        *,
+        domain: int | None = None,
+        namespace: str = "",
+        ros_arguments: Sequence[str] = (),
+    ) -> None:
         self.loop = asyncio.get_running_loop()
         self.namespace = namespace
+        self.received_ns = 0
+        self._link = link
+        self._caller: Caller | None = None
+        self._ending = False
+        self._ended = asyncio.Event()  # the control loop
         self._domain = domain
         self._arguments = ["--ros-args", *ros_arguments] if ros_arguments else []
         self._context = Context()
         self._spinning: dict[Node, tuple[SingleThreadedExecutor, threading.Thread]] = {}
         self._tasks: dict[Node, set[concurrent.futures.Future[Any]]] = defaultdict(set)
+        self._listeners: dict[Hashable, Callable[[Any], object]] = {}
+        self._passing_on = threading.Lock()
 
     async def __aenter__(self) -> "NodeHost":
         """Raises Ros2Error for a namespace or arguments that ROS does not accept."""
@@ -95,14 +116,33 @@ class NodeHost:
             self._context.init(self._arguments, domain_id=self._domain)
         except (InvalidNamespaceException, ValueError, RuntimeError) as error:
             raise Ros2Error(f"ROS 2 rejects the namespace or arguments: {' '.join(str(error).split())}") from None
+        if self._link is not None:
+            self._caller = Caller(self._link, self._pass_on, self._on_end)
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.end()
         for node in list(self._spinning):
             await in_thread(self.close, node)  # the node may be waiting for the event loop
         self._context.try_shutdown()
+        if self._caller is not None:
+            await in_thread(self._caller.close)
+
+    def end(self) -> None:
+        """Let the control loop end, which brings the arm to rest, while the nodes are closed."""
+        self._ending = True
+        if self._caller is not None:
+            self._caller.end()
+
+    def _on_end(self) -> None:
+        self._ending = True
+        self.loop.call_soon_threadsafe(self._ended.set)
+
+    async def ended(self) -> None:
+        """Wait until the process of the control loop has ended."""
+        await self._ended.wait()
 
     def node(self, name: str, overrides: Sequence[Parameter] = (), **options: Any) -> Node:
         """Create a node that does not spin yet. options: arguments of rclpy's Node."""
@@ -125,6 +165,9 @@ class NodeHost:
                 return
             except ExternalShutdownException:  # the context was shut down
                 return
+            except Ros2Error:  # without the control loop, which the driver reports, nodes can only be closed
+                if not self._ending:
+                    _logger.exception("%s: a callback failed", threading.current_thread().name)
             except Exception:  # in a callback: only its own client gets no answer
                 _logger.exception("%s: a callback failed", threading.current_thread().name)
 
@@ -137,26 +180,48 @@ class NodeHost:
         thread.join()
         node.destroy_node()
 
+    # messages of the control loop
+
+    def listen(self, key: Hashable, listener: Callable[[Any], object]) -> None:
+        """Pass messages with this key on, in the thread that receives them, until `unlisten`."""
+        self._listeners[key] = listener
+
+    def unlisten(self, key: Hashable) -> None:
+        """Pass no more messages on, also none that has arrived; not from a listener."""
+        with self._passing_on:
+            self._listeners.pop(key, None)
+
+    def _pass_on(self, messages: dict[Hashable, Any]) -> None:
+        self.received_ns = time.time_ns()
+        for key, message in messages.items():
+            with self._passing_on:
+                if (listener := self._listeners.get(key)) is not None:
+                    listener(message)
+
     # from the threads of nodes
 
-    def do(self, work: Callable[[], Result]) -> Result:
-        """Call a function in the event loop, between two control cycles; return its result or raise its error."""
-        done: concurrent.futures.Future[Result] = concurrent.futures.Future()
-
-        def run() -> None:  # not a coroutine, which would delay a setpoint by one more iteration of the loop
-            try:
-                done.set_result(work())
-            except BaseException as error:
-                done.set_exception(error)
-                if not isinstance(error, Exception):
-                    raise
-
-        self.loop.call_soon_threadsafe(run)
-        return done.result()
+    def do(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """Call a function in the control loop, between two cycles; return its result or raise its error."""
+        return self._begin(function, args, kwargs).result()
 
     def wait(self, work: Awaitable[Result]) -> Result:
-        """Wait for a coroutine that runs in the event loop."""
+        """Wait for a coroutine that runs in the event loop of this process."""
         return asyncio.run_coroutine_threadsafe(_awaited(work), self.loop).result()
+
+    # in the event loop
+
+    async def call(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """Like `do`. If it is cancelled, so is a coroutine in the control loop."""
+        return await asyncio.wrap_future(self._begin(function, args, kwargs))
+
+    def _begin(
+        self, function: Callable[..., Any], args: Sequence[Any], kwargs: dict[str, Any]
+    ) -> "concurrent.futures.Future[Any]":
+        if self._caller is None:
+            raise RuntimeError("these nodes have no control loop")
+        return self._caller.call(function, *args, **kwargs)
+
+    # anywhere
 
     def ending(self, node: Node) -> Any:
         """A future that a coroutine of this node can await, and whose result any thread may set."""
@@ -186,6 +251,30 @@ class NodeHost:
         tasks.add(task)
         task.add_done_callback(on_done)
         return ended
+
+
+class RemoteController:
+    """A loaded controller, which belongs to the control loop; see `ControllerFacts`."""
+
+    def __init__(self, host: NodeHost, facts: ControllerFacts) -> None:
+        self._host = host
+        self.name = facts.name
+        self.kind: type[Controller[Any]] = facts.kind
+        self.parameters = facts.parameters
+        self.joints = facts.joints
+        self.reference = Reference((facts.name,))
+
+    def do(self, method: Callable[..., Any], *args: Any) -> Any:
+        """Call one of its methods."""
+        return self._host.do(method, self.reference, *args)
+
+    def request(self, method: Callable[..., Any], *args: Any, **kwargs: Any) -> None:
+        """Call a method that sends a request to the robot, and wait for the answer. Raises ControllerError."""
+        self._host.do(ControlSide.answer, SIDE, method, self.reference, *args, **kwargs)
+
+    def error(self, reason: str) -> ControllerError:
+        """Create an error of this controller."""
+        return ControllerError(self.name, reason)
 
 
 async def _awaited(work: Awaitable[Result]) -> Result:

@@ -1,7 +1,7 @@
 """Controller parameters as parameters of the controllers' nodes."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, Final, get_args
+from typing import Final, get_args
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 from client.controllers.controller import Controller
 from client.controllers.parameters import Reading, flat, is_read_only, read_parameters
 from client.errors import ControllerError
-from client.ros2.host import NodeHost
+from client.ros2.host import RemoteController
 
 _TYPES: Final = {
     bool: Parameter.Type.BOOL,
@@ -26,18 +26,18 @@ _ARRAYS: Final = {
 }
 
 
-def declare(host: NodeHost, node: Node, controller: Controller[Any]) -> None:
+def declare(node: Node, controller: RemoteController) -> None:
     """Declare a controller's parameters on its node, and apply changes of those that are not read-only."""
     kinds = {}
     for name, hint, value in flat(controller.parameters):
         kinds[name] = kind = _ARRAYS[get_args(hint)[0]] if get_args(hint) else _TYPES[hint]
         descriptor = ParameterDescriptor(type=kind.value, read_only=is_read_only(name))
         node.declare_parameter(name, value, descriptor)
-    node.add_on_set_parameters_callback(_setter(host, node, controller, kinds))
+    node.add_on_set_parameters_callback(_setter(node, controller, kinds))
 
 
 def _setter(
-    host: NodeHost, node: Node, controller: Controller[Any], kinds: Mapping[str, Parameter.Type]
+    node: Node, controller: RemoteController, kinds: Mapping[str, Parameter.Type]
 ) -> Callable[[list[Parameter]], SetParametersResult]:
     def set_parameters(changed: list[Parameter]) -> SetParametersResult:
         if not any(parameter.name in kinds for parameter in changed):
@@ -45,8 +45,8 @@ def _setter(
         values = {name: node.get_parameter(name).value for name in kinds}
         values.update({parameter.name: parameter.value for parameter in changed if parameter.name in kinds})
         try:
-            read = read_parameters(controller.parameters_type, values, controller.name, Reading())
-            host.do(lambda: controller.reconfigure(read))
+            read = read_parameters(controller.kind.parameters_type, values, controller.name, Reading())
+            controller.do(Controller.reconfigure, read)
         except ControllerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -4,31 +4,26 @@ A request to the robot is answered when the robot has executed it. An invalid re
 controller is not active, gets ``success`` false and a line in the log.
 """
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 from rclpy.node import Node
 
-from client.controllers.calls import Call
 from client.controllers.compliance import ForceModeController
 from client.controllers.controller import Controller
 from client.controllers.io_and_status import GPIOController
 from client.controllers.joint_trajectory import JointTrajectoryController
-from client.controllers.loop import ControlLoop
 from client.controllers.settings import FrictionModelController, GravityUpdateController, URConfigurationController
 from client.driver.availability import offers
-from client.errors import ClientError, ControllerError
-from client.ros2.host import NodeHost, interface
+from client.errors import ClientError
+from client.ros2.host import NodeHost, RemoteController, interface
 from client.ros2.topics import CommandContext, seconds
 from client.ros2.transforms import Transforms, pose_in
-from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.robots.pose import Pose, pose_trans
 from urproto.versions import PolyscopeVersion
 
-ANSWER_S: Final = 15.0  # above what starting the control program may take; guess
 _TRIGGER: Final = "std_srvs/srv/Trigger"
 
 
@@ -36,14 +31,14 @@ _TRIGGER: Final = "std_srvs/srv/Trigger"
 class ControllerService:
     """A service.
 
-    begin: passes a request to the controller, which answers with a `Call`; raises ControllerError. stamped: the part of
-    a request with a frame, if any; begin gets the pose of that frame.
+    execute: passes a request to the controller and waits for the robot's answer; raises ControllerError. stamped: the
+    part of a request with a frame, if any; execute gets the pose of that frame.
     """
 
     controller: type[Controller[Any]]
     name: str
     type: str
-    begin: Callable[[Any, Any, "ServiceContext"], Call]
+    execute: Callable[[RemoteController, Any, "ServiceContext"], None]
     stamped: Callable[[Any], Any] | None = None
 
 
@@ -54,7 +49,7 @@ class Query:
     controller: type[Controller[Any]]
     name: str
     type: str
-    answer: Callable[[Any, Any, Any, CommandContext], None]
+    answer: Callable[[RemoteController, Any, Any, CommandContext], None]
 
 
 @dataclass(frozen=True)
@@ -65,56 +60,62 @@ class ServiceContext:
     frames: Mapping[str, Pose]
 
 
-def _set_io(controller: GPIOController, request: Any, situation: ServiceContext) -> Call:
+def _set_io(controller: RemoteController, request: Any, situation: ServiceContext) -> None:
     if request.fun == request.FUN_SET_DIGITAL_OUT:
         if request.state != request.state:
             raise controller.error(f"the state of digital output {request.pin} is not a number: use 0 (off) or 1 (on)")
-        return controller.set_digital_out(request.pin, request.state != 0.0)
-    if request.fun == request.FUN_SET_ANALOG_OUT:
-        return controller.set_analog_out(request.pin, request.state)
-    if request.fun == request.FUN_SET_TOOL_VOLTAGE:
-        return controller.set_tool_voltage(request.state)
-    raise controller.error(f"function {request.fun} of set_io is not available: use 1, 3 or 4")
+        controller.request(GPIOController.set_digital_out, request.pin, request.state != 0.0)
+    elif request.fun == request.FUN_SET_ANALOG_OUT:
+        controller.request(GPIOController.set_analog_out, request.pin, request.state)
+    elif request.fun == request.FUN_SET_TOOL_VOLTAGE:
+        controller.request(GPIOController.set_tool_voltage, request.state)
+    else:
+        raise controller.error(f"function {request.fun} of set_io is not available: use 1, 3 or 4")
 
 
-def _set_analog_output(controller: GPIOController, request: Any, situation: ServiceContext) -> Call:
+def _set_analog_output(controller: RemoteController, request: Any, situation: ServiceContext) -> None:
     data = request.data
     if data.domain not in (data.CURRENT, data.VOLTAGE):
         raise controller.error(f"the domain must be 0 (current) or 1 (voltage), not {data.domain}")
-    return controller.set_analog_out(data.pin, data.state, voltage=data.domain == data.VOLTAGE)
+    voltage = data.domain == data.VOLTAGE
+    controller.request(GPIOController.set_analog_out, data.pin, data.state, voltage=voltage)
 
 
-def _set_payload(controller: GPIOController, request: Any, situation: ServiceContext) -> Call:
+def _set_payload(controller: RemoteController, request: Any, situation: ServiceContext) -> None:
     """Set mass and centre of gravity, and inertia and transition time if possible.
 
     Requests have had the latter two since 2025; controllers have accepted them since 5.10.
     """
     cog = request.center_of_gravity
     centre = (cog.x, cog.y, cog.z)
-    if not hasattr(request, "ixx") or not offers("set_target_payload", situation.version):
-        return controller.set_payload(request.mass, centre)
-    inertia = (request.ixx, request.iyy, request.izz, request.ixy, request.ixz, request.iyz)
-    return controller.set_payload(request.mass, centre, inertia, seconds(request.transition_time))
+    rest: tuple[Any, ...] = ()
+    if hasattr(request, "ixx") and offers("set_target_payload", situation.version):
+        inertia = (request.ixx, request.iyy, request.izz, request.ixy, request.ixz, request.iyz)
+        rest = (inertia, seconds(request.transition_time))
+    controller.request(GPIOController.set_payload, request.mass, centre, *rest)
 
 
-def _set_gravity(controller: GravityUpdateController, request: Any, situation: ServiceContext) -> Call:
+def _set_gravity(controller: RemoteController, request: Any, situation: ServiceContext) -> None:
     """Set the gravity. ROS gives the direction in which objects fall; the robot takes the opposite acceleration."""
     frame = situation.frames[request.gravity.header.frame_id]
     vector = request.gravity.vector
     turned = pose_trans((0.0, 0.0, 0.0, *frame[3:]), (-vector.x, -vector.y, -vector.z, 0.0, 0.0, 0.0))
-    return controller.set_gravity(turned[:3])
+    controller.request(GravityUpdateController.set_gravity, turned[:3])
 
 
-def _set_friction(controller: FrictionModelController, request: Any, situation: ServiceContext) -> Call:
+def _set_friction(controller: RemoteController, request: Any, situation: ServiceContext) -> None:
     scales = request.parameters
-    return controller.set_friction_model_parameters(list(scales.viscous_scale), list(scales.coulomb_scale))
+    controller.request(
+        FrictionModelController.set_friction_model_parameters, list(scales.viscous_scale), list(scales.coulomb_scale)
+    )
 
 
-def _start_force_mode(controller: ForceModeController, request: Any, situation: ServiceContext) -> Call:
+def _start_force_mode(controller: RemoteController, request: Any, situation: ServiceContext) -> None:
     wrench = request.wrench
     axes = ("x", "y", "z", "rx", "ry", "rz")
     limits, deviations = request.speed_limits, request.deviation_limits
-    return controller.start_force_mode(
+    controller.request(
+        ForceModeController.start_force_mode,
         pose_in(situation.frames, request.task_frame, controller.error),
         [int(getattr(request, f"selection_vector_{axis}")) for axis in axes],
         [wrench.force.x, wrench.force.y, wrench.force.z, wrench.torque.x, wrench.torque.y, wrench.torque.z],
@@ -128,12 +129,14 @@ def _start_force_mode(controller: ForceModeController, request: Any, situation: 
     )  # fmt: skip
 
 
-def _version(controller: URConfigurationController, request: Any, response: Any, now: CommandContext) -> None:
-    response.major, response.minor, response.bugfix, response.build = controller.robot_software_version()
+def _version(controller: RemoteController, request: Any, response: Any, now: CommandContext) -> None:
+    response.major, response.minor, response.bugfix, response.build = controller.do(
+        URConfigurationController.robot_software_version
+    )
 
 
-def _trajectory_state(controller: JointTrajectoryController, request: Any, response: Any, now: CommandContext) -> None:
-    point = controller.sampled(now.robot_time_s(request.time))
+def _trajectory_state(controller: RemoteController, request: Any, response: Any, now: CommandContext) -> None:
+    point = controller.do(JointTrajectoryController.sampled, now.robot_time_s(request.time))
     response.success, response.name = True, list(controller.joints)
     response.position = list(point.positions)
     response.velocity = list(point.velocities)
@@ -151,16 +154,29 @@ SERVICES: Final = (
         GPIOController,
         "set_speed_slider",
         "ur_msgs/srv/SetSpeedSliderFraction",
-        lambda controller, request, _: controller.set_speed_slider(request.speed_slider_fraction),
+        lambda controller, request, _: controller.request(
+            GPIOController.set_speed_slider, request.speed_slider_fraction
+        ),
     ),
     ControllerService(
-        GPIOController, "resend_robot_program", _TRIGGER, lambda controller, *_: controller.resend_robot_program()
+        GPIOController,
+        "resend_robot_program",
+        _TRIGGER,
+        lambda controller, *_: controller.request(GPIOController.resend_robot_program),
     ),
     ControllerService(
-        GPIOController, "hand_back_control", _TRIGGER, lambda controller, *_: controller.hand_back_control()
+        GPIOController,
+        "hand_back_control",
+        _TRIGGER,
+        lambda controller, *_: controller.request(GPIOController.hand_back_control),
     ),
     ControllerService(GPIOController, "set_payload", "ur_msgs/srv/SetPayload", _set_payload),
-    ControllerService(GPIOController, "zero_ftsensor", _TRIGGER, lambda controller, *_: controller.zero_ftsensor()),
+    ControllerService(
+        GPIOController,
+        "zero_ftsensor",
+        _TRIGGER,
+        lambda controller, *_: controller.request(GPIOController.zero_ftsensor),
+    ),
     ControllerService(
         ForceModeController,
         "start_force_mode",
@@ -169,7 +185,10 @@ SERVICES: Final = (
         lambda request: request.task_frame,
     ),
     ControllerService(
-        ForceModeController, "stop_force_mode", _TRIGGER, lambda controller, *_: controller.stop_force_mode()
+        ForceModeController,
+        "stop_force_mode",
+        _TRIGGER,
+        lambda controller, *_: controller.request(ForceModeController.stop_force_mode),
     ),
     ControllerService(
         GravityUpdateController, "set_gravity", "ur_msgs/srv/SetGravity", _set_gravity, lambda request: request.gravity
@@ -183,42 +202,34 @@ SERVICES: Final = (
 )
 
 
-def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, transforms: Transforms) -> None:
-    """Offer a controller's services on its node."""
+def serve(
+    host: NodeHost, node: Node, controller: RemoteController, version: PolyscopeVersion, transforms: Transforms
+) -> None:
+    """Offer a controller's services on its node. version: the robot's."""
     for row in SERVICES:
-        if isinstance(controller, row.controller):
-            node.create_service(
-                interface(row.type), f"~/{row.name}", _handler(host, node, controller, loop, transforms, row)
-            )
+        if issubclass(controller.kind, row.controller):
+            handler = _handler(host, node, controller, version, transforms, row)
+            node.create_service(interface(row.type), f"~/{row.name}", handler)
     for query in QUERIES:
-        if isinstance(controller, query.controller):
+        if issubclass(controller.kind, query.controller):
             node.create_service(
-                interface(query.type), f"~/{query.name}", _query_handler(host, node, controller, loop, query)
+                interface(query.type), f"~/{query.name}", _query_handler(node, controller, CommandContext(host), query)
             )
 
 
 def _handler(
     host: NodeHost,
     node: Node,
-    controller: Controller[Any],
-    loop: ControlLoop,
+    controller: RemoteController,
+    version: PolyscopeVersion,
     transforms: Transforms,
     row: ControllerService,
 ) -> Callable[[Any, Any], Any]:
-    async def execute(request: Any) -> None:
-        frames = (row.stamped(request).header.frame_id,) if row.stamped else ()
-        poses = await transforms.poses_in_base(frames, controller.error)
-        call = row.begin(controller, request, ServiceContext(loop.driver.version, poses))
-        try:
-            async with timeout(ANSWER_S):
-                await loop.answer(call)
-        except TimeoutError:
-            call.end(False)
-            raise ControllerError(controller.name, f"the robot does not answer within {ANSWER_S:g} s") from None
-
     def handle(request: Any, response: Any) -> Any:
+        frames = (row.stamped(request).header.frame_id,) if row.stamped else ()
         try:
-            host.wait(execute(request))
+            poses = host.wait(transforms.poses_in_base(frames, controller.error)) if frames else {}
+            row.execute(controller, request, ServiceContext(version, poses))
         except URError as error:
             node.get_logger().error(f"{row.name}: {error}")
             response.success = False
@@ -233,12 +244,11 @@ def _handler(
 
 
 def _query_handler(
-    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, query: Query
+    node: Node, controller: RemoteController, now: CommandContext, query: Query
 ) -> Callable[[Any, Any], Any]:
     def handle(request: Any, response: Any) -> Any:
-        now = CommandContext(loop.manager.time_s, time.time_ns())
         try:
-            host.do(lambda: query.answer(controller, request, response, now))
+            query.answer(controller, request, response, now)
         except ClientError as error:
             node.get_logger().error(f"{query.name}: {error}")
             if hasattr(response, "message"):

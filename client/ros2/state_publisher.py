@@ -1,13 +1,11 @@
 """The node ``robot_state_publisher``: publishes the arm's description and frames."""
 
 import time
-from typing import Any
 
 from std_msgs.msg import String
 
-from client.controllers.broadcasters import JointStateBroadcaster
 from client.ros2.frames import Frames
-from client.ros2.host import LATCHED, NodeHost, interface
+from client.ros2.host import LATCHED, NodeHost, RemoteController, interface
 from client.ros2.publishing import Outbox, publisher
 from client.ros2.topics import MOVING_FRAMES
 from urproto.robots import RobotModel
@@ -18,7 +16,7 @@ class RobotStatePublisher:
     """Publishes a model's description and frames; the node spins from its creation."""
 
     def __init__(
-        self, host: NodeHost, outbox: Outbox, model: RobotModel, states: JointStateBroadcaster, prefix: str = ""
+        self, host: NodeHost, outbox: Outbox, model: RobotModel, states: RemoteController, prefix: str = ""
     ) -> None:
         self._host = host
         self._outbox = outbox
@@ -34,16 +32,11 @@ class RobotStatePublisher:
         message = interface("tf2_msgs/msg/TFMessage")(transforms=frames.fixed(sec, nanosec))
         self._static = self.node.create_publisher(type(message), "/tf_static", LATCHED)
         self._static.publish(message)
-        moving = publisher(self.node, MOVING_FRAMES)
+        outbox.scene.frames = frames
+        self._key = outbox.add(states, publisher(self.node, MOVING_FRAMES), MOVING_FRAMES)
         host.spin(self.node)
-
-        def add() -> Any:
-            outbox.scene.frames = frames
-            return outbox.add(states.topic, moving, MOVING_FRAMES)
-
-        self._channel = host.do(add)
 
     def close(self) -> None:
         """End the node."""
-        self._host.do(lambda: self._outbox.remove(self._channel))
+        self._outbox.remove(self._key)
         self._host.close(self.node)

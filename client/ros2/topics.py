@@ -7,7 +7,7 @@ controller's private topics (``~/``) are below its name; /tf is the same in ever
 import math
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -21,13 +21,14 @@ from client.controllers.broadcasters import (
     WrenchStamped,
 )
 from client.controllers.compliance import FreedriveModeController
-from client.controllers.controller import Controller, Interfaces
+from client.controllers.controller import Controller
 from client.controllers.forward import ForwardCommandController
 from client.controllers.goals import JointTrajectory, JointTrajectoryPoint
 from client.controllers.io_and_status import GPIOController, IOStates, ToolData
 from client.controllers.joint_trajectory import ControllerState, JointTrajectoryController
+from client.ros2.control_side import SIDE, ControlSide
 from client.ros2.frames import Frames, set_transform
-from client.ros2.host import interface
+from client.ros2.host import NodeHost, interface
 from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import Pose, quaternion_to_rotvec
 from urproto.vectors import ZERO6
@@ -44,12 +45,12 @@ _POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}"
 class PublishingContext:
     """Data that messages need in addition to what controllers publish.
 
-    prefix: for the names of joints and frames. states: all state interfaces. frames: the arm's, if its model is known.
-    sec, nanosec: current wall time.
+    prefix: for the names of joints and frames. states: names of all state interfaces. frames: the arm's, if its model
+    is known. sec, nanosec: current wall time.
     """
 
     prefix: str = ""
-    states: Interfaces = field(default_factory=lambda: Interfaces(()))
+    states: tuple[str, ...] = ()
     frames: Frames | None = None
     sec: int = 0
     nanosec: int = 0
@@ -59,19 +60,19 @@ class PublishingContext:
         header.stamp.sec, header.stamp.nanosec = self.sec, self.nanosec
         header.frame_id = frame_id
 
-    def pose_of(self, frame: str) -> Pose | None:
+    def pose_of(self, frame: str, values: Sequence[float]) -> Pose | None:
         """Pose of a frame in the arm's base frame [m, rotation vector]; "" is the base frame.
 
-        None for a frame that does not belong to the arm.
+        values: of all state interfaces. None for a frame that does not belong to the arm.
         """
+        state = {name.removeprefix(self.prefix): value for name, value in zip(self.states, values, strict=True)}
         name, base = frame.lstrip("/") or f"{self.prefix}base", f"{self.prefix}base"
         if name == f"{self.prefix}{_TCP_FRAME}":
-            x, y, z, *turn = self.states.lend([f"{self.prefix}tcp_pose/{part}" for part in _POSE]).get()
+            x, y, z, *turn = (state[f"tcp_pose/{part}"] for part in _POSE)
             return (x, y, z, *quaternion_to_rotvec(*turn))
         if name == base:
             return ZERO6
-        joints = self.states.lend([f"{self.prefix}{joint}/position" for joint in JOINT_NAMES])
-        angles = dict(zip((self.prefix + joint for joint in JOINT_NAMES), joints.get(), strict=True))
+        angles = {self.prefix + joint: state[f"{joint}/position"] for joint in JOINT_NAMES}
         return self.frames.pose_in(base, name, angles) if self.frames else None
 
     @property
@@ -81,15 +82,15 @@ class PublishingContext:
         return frozenset(own | (self.frames.names if self.frames else set()))
 
     @cached_property
-    def components(self) -> dict[str, tuple[list[str], Interfaces]]:
-        """For each joint, sensor and so on: the names of its state interfaces, and the interfaces."""
-        names: dict[str, list[str]] = {}
-        for name in self.states.names:
-            names.setdefault(name.rpartition("/")[0], []).append(name)
-        return {
-            component: ([name.rpartition("/")[2] for name in interfaces], self.states.lend(interfaces))
-            for component, interfaces in names.items()
-        }
+    def components(self) -> dict[str, tuple[list[str], list[int]]]:
+        """For each joint, sensor and so on: the names of its state interfaces, and their places in `states`."""
+        found: dict[str, tuple[list[str], list[int]]] = {}
+        for place, name in enumerate(self.states):
+            component, _, interface_name = name.rpartition("/")
+            names, places = found.setdefault(component, ([], []))
+            names.append(interface_name)
+            places.append(place)
+        return found
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Publication:
 
     controller: type of the controller. source: attribute with the controller's topic. fill: sets a message's fields;
     returns False if there is nothing to publish. latched: late subscribers get the last message. every_s: shortest
-    interval by the robot's clock.
+    interval by the robot's clock. all_states: ``fill`` gets the values of all state interfaces instead of a message.
     """
 
     controller: type[Controller[Any]]
@@ -109,18 +110,19 @@ class Publication:
     latched: bool = False
     depth: int = 1
     every_s: float = 0.0
+    all_states: bool = False
 
 
 @dataclass(frozen=True)
 class CommandContext:
-    """The current time by the robot's clock [s] and by this machine's [ns since 1970]."""
+    """Converts times of messages; from the threads of nodes."""
 
-    robot_s: float
-    time_ns: int
+    host: NodeHost
 
     def robot_time_s(self, stamp: Any) -> float:
         """Convert a builtin_interfaces/Time of this machine's clock to robot time."""
-        return float(self.robot_s + (stamp.sec * 1_000_000_000 + stamp.nanosec - self.time_ns) * 1e-9)
+        robot_s, time_ns = self.host.do(ControlSide.robot_time, SIDE)
+        return float(robot_s + (stamp.sec * 1_000_000_000 + stamp.nanosec - time_ns) * 1e-9)
 
 
 @dataclass(frozen=True)
@@ -151,12 +153,13 @@ def _joint_states(message: Any, state: JointState, scene: PublishingContext) -> 
     return True
 
 
-def _dynamic_joint_states(message: Any, state: JointState, scene: PublishingContext) -> bool:
+def _dynamic_joint_states(message: Any, values: Sequence[float], scene: PublishingContext) -> bool:
     scene.stamp(message.header, "")
     make = interface("control_msgs/msg/InterfaceValue")
     message.joint_names = list(scene.components)
     message.interface_values = [
-        make(interface_names=names, values=array("d", values.get())) for names, values in scene.components.values()
+        make(interface_names=names, values=array("d", [values[place] for place in places]))
+        for names, places in scene.components.values()
     ]
     return True
 
@@ -329,6 +332,7 @@ PUBLICATIONS: Final = (
         "dynamic_joint_states",
         "control_msgs/msg/DynamicJointState",
         _dynamic_joint_states,
+        all_states=True,
     ),
     Publication(PoseBroadcaster, "topic", "/tf", "tf2_msgs/msg/TFMessage", _tcp_frame, depth=TF_DEPTH),
     Publication(PoseBroadcaster, "topic", "~/pose", "geometry_msgs/msg/PoseStamped", _pose),

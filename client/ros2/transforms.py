@@ -12,6 +12,8 @@ from typing import Any, Final
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from client.controllers.controller import Interfaces
+from client.ros2.control_side import STATES
 from client.ros2.host import NodeHost, interface
 from client.ros2.topics import TF_DEPTH, PublishingContext
 from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec
@@ -40,12 +42,16 @@ class Transforms:
         Raises the exception that ``refuse`` creates if a frame is not published.
         """
         requested = set(frames)
-        others = {frame for frame in requested if self._scene.pose_of(frame) is None}
-        nearest_known = await self._listen(others) if others else {}
+        states = await self._host.call(Interfaces.get, STATES)
+        others = {frame for frame in requested if self._scene.pose_of(frame, states) is None}
+        nearest_known = {}
+        if others:
+            nearest_known = await self._listen(others)
+            states = await self._host.call(Interfaces.get, STATES)
         poses = {}
         for frame in requested:
             anchor, pose = nearest_known.get(frame, (frame, ZERO6))
-            anchor_pose = self._scene.pose_of(anchor)
+            anchor_pose = self._scene.pose_of(anchor, states)
             if anchor_pose is None:
                 raise refuse(
                     f"the frame {quoted(frame)} does not belong to the arm, and was not published on /tf or /tf_static "

@@ -9,9 +9,11 @@ from typing import Any, Final
 from rcl_interfaces.msg import ParameterDescriptor
 from std_msgs.msg import String
 
+from client.driver import DriverConfig
+from client.driver.link import RobotLink
 from client.errors import ScriptFailedError
 from client.primary import STOP_PROGRAM, PrimaryClient
-from client.robot import AsyncRobot
+from client.ros2.control_side import LINK
 from client.ros2.host import NodeHost
 from client.ros2.one_goal import OneGoalAction
 from client.scripts import FATAL_LEVELS, is_secondary
@@ -30,13 +32,11 @@ class URScriptNode:
     cannot be observed: its goal succeeds if no error is reported soon.
     """
 
-    def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
+    def __init__(self, host: NodeHost, config: DriverConfig) -> None:
         self.node = host.node(NAME)
-        config = robot.driver.config
         self._address = self.node.declare_parameter("robot_ip", config.host, ParameterDescriptor(read_only=True)).value
         self._port = config.robot_ports["primary"]
         self._host = host
-        self._link = robot.driver.link
         self._cancelled = False
         self._primary: PrimaryClient | None = None  # the connection that executes a goal
         self.node.create_subscription(String, "~/script_command", self._send, 1)
@@ -62,7 +62,7 @@ class URScriptNode:
             self.node.get_logger().error("script_command: not sent, because a goal of execute_script is being executed")
             return
         try:
-            await self._host.task(self.node, self._link.send_script(script.data))
+            await self._host.task(self.node, self._host.call(RobotLink.send_script, LINK, script.data))
         except URError as error:
             self.node.get_logger().error(f"script_command: {error}")
 

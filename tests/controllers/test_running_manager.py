@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from client.controllers import protocol, serving, session
 from client.controllers.remote import RemoteManager, check_no_manager
-from client.controllers.running import RunningManager
+from client.controllers.running import Change, RunningManager
 from client.controllers.serving import ManagerServer, claim
 from client.controllers.session import Session
 from client.errors import ControllerError, FileError, GoalRejectedError, ManagerError, NoManagerError
@@ -38,7 +38,10 @@ class Robot:
         self.joints = JOINTS
         self.prefix = ""
         self.at_rest = True
-        link = SimpleNamespace(configuration=None, robot_mode=RobotMode.RUNNING, safety_mode=SafetyMode.NORMAL)
+        feed = SimpleNamespace(silent=False)
+        link = SimpleNamespace(
+            configuration=None, robot_mode=RobotMode.RUNNING, safety_mode=SafetyMode.NORMAL, feed=feed
+        )
         state = {"actual_q": (0.0, 0.0), "target_speed_fraction": 1.0}
         config = SimpleNamespace(host=ROBOT)
         self.driver = SimpleNamespace(link=link, state=state, config=config, program_running=True)
@@ -120,10 +123,10 @@ async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
         await shell.request(do, name="jtc")
     reported = []
 
-    async def report(controller, values):
-        reported.append((controller.name, dict(values)))
+    async def report(controller, change, values):
+        reported.append((controller.name, change, dict(values)))
 
-    manager.on_parameters.append(report)
+    manager.on_change.append(report)
     await shell.request("set_parameters", name="jtc", parameters={"constraints.goal_time": 0.5})
     found = await shell.request("list_parameters", name="jtc")
     assert found["constraints.goal_time"] == {"value": 0.5, "read_only": False}
@@ -137,7 +140,7 @@ async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
         with pytest.raises(ControllerError, match=words):
             await shell.request("set_parameters", name="jtc", parameters=values)
     assert manager.manager.controller("jtc").parameters.constraints.goal_time == 0.5
-    assert reported == [("jtc", {"constraints.goal_time": 0.5})]
+    assert reported == [("jtc", Change.PARAMETERS, {"constraints.goal_time": 0.5})]
 
 
 async def test_two_shells_switch_at_once(manager):

@@ -416,6 +416,23 @@ async def test_settings_reach_the_driver():
     assert arm.driver.named("set_speed_slider") == [(0.4,)]
 
 
+async def test_settings_fail_at_once_while_the_robot_is_silent():
+    arm = Arm()
+    arm.manager.activate("io_and_status_controller")
+    io = arm.manager.controller("io_and_status_controller")
+    arm.cycle()
+    begun = io.set_digital_out(3, True)
+    arm.cycle()
+    assert (io.program_running.latest, begun.success) == (True, None)
+    arm.manager.fall_silent("the robot sends nothing")
+    assert (io.program_running.latest, begun.success) == (False, False)
+    with pytest.raises(ControllerError, match="digital output 3: the robot sends nothing"):
+        io.set_digital_out(3, True)
+    arm.cycle()
+    assert io.program_running.latest is True
+    assert io.set_digital_out(3, True).success is None
+
+
 async def test_a_setting_without_effect_is_no_success():
     arm = Arm()
     arm.manager.activate("io_and_status_controller")

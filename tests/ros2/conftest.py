@@ -27,7 +27,7 @@ async def laboratory_() -> AsyncIterator[Lab]:
 async def lab(laboratory_: Lab) -> Lab:
     """With the scaled controller active and the arm where it was in the beginning."""
     lab = laboratory_
-    if not lab.driver.control.driver.program_running:
+    if not lab.control.driver.program_running:
         assert (await lab.peer.call("/io_and_status_controller/resend_robot_program", TRIGGER))["success"]
     await only(lab, SCALED)
     if max(abs(a - b) for a, b in zip(q(lab), HOME, strict=True)) > 1e-3:

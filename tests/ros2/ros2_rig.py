@@ -7,7 +7,7 @@ import socket
 import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import ExitStack, asynccontextmanager, contextmanager
+from contextlib import ExitStack, aclosing, asynccontextmanager, contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,9 @@ from unittest import mock
 
 from driver_rig import PatientClock
 
+from client.controllers.control import RobotControl
 from client.ros2 import message_packages
+from client.ros2.control_side import ControlSide
 from client.ros2.driver import DriverOptions, Ros2Driver
 from emulator.app import Emulator
 from urproto.compat_asyncio import timeout
@@ -107,12 +109,30 @@ async def peer(domain: int) -> AsyncIterator[Peer]:
 
 
 class Lab:
-    """What a test has: the emulator, the driver's nodes, and the peer."""
+    """What a test has: the emulator, the driver's nodes, its control loop, and the peer."""
 
-    def __init__(self, robot: Emulator, driver: Ros2Driver, peer: Peer) -> None:
+    def __init__(self, robot: Emulator, driver: Ros2Driver, side: ControlSide, peer: Peer) -> None:
         self.robot = robot
         self.driver = driver
+        self.side = side
         self.peer = peer
+
+    @property
+    def control(self) -> RobotControl:
+        return self.side.running.control
+
+
+@asynccontextmanager
+async def in_this_process(side: ControlSide) -> AsyncIterator[socket.socket]:
+    """Execute the calls of nodes here, as the process of the control loop does, so that a test sees its objects."""
+    link, its_link = socket.socketpair()
+    async with aclosing(side):
+        serving = asyncio.ensure_future(side.calls.serve(its_link))
+        try:
+            with link:
+                yield link
+        finally:
+            await serving
 
 
 @asynccontextmanager
@@ -128,8 +148,10 @@ async def laboratory(
         if isinstance(robot.clock, PatientClock):
             stack.enter_context(mock.patch("client.driver.reverse.time", robot.clock))
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        side = ControlSide()
         async with (
             peer(domain) as other,
-            Ros2Driver(DriverOptions(host, options, domain=domain, **of_driver)) as driver,
+            in_this_process(side) as link,
+            Ros2Driver(DriverOptions(host, options, domain=domain, **of_driver), link) as driver,
         ):
-            yield Lab(robot, driver, other)
+            yield Lab(robot, driver, side, other)

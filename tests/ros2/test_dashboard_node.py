@@ -13,7 +13,7 @@ import pytest
 from driver_rig import HOST, emulator
 from ros2_rig import Peer, free_domain, peer
 
-from client import AsyncRobot
+from client.driver import DriverConfig
 from client.ros2.dashboard import SERVICES, DashboardNode
 from client.ros2.host import NodeHost
 from emulator.lifecycle.safety import SafetyEvent
@@ -70,7 +70,7 @@ async def dashboard_of(ports: dict[str, int], *ros_arguments: str) -> AsyncItera
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     with free_domain() as domain:
         async with NodeHost(domain=domain, ros_arguments=ros_arguments) as host, peer(domain) as other:
-            node = await asyncio.to_thread(DashboardNode, host, AsyncRobot(HOST, robot_ports=ports))
+            node = await asyncio.to_thread(DashboardNode, host, DriverConfig(host=HOST, robot_ports=ports))
             try:
                 yield Dashboard(other)
             finally:

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 from driver_rig import HOST, driver_options, emulator
-from ros2_rig import Peer, free_domain, peer
+from ros2_rig import Peer, free_domain, in_this_process, peer
 
 from client import AsyncRobot
+from client.ros2.control_side import ControlSide
 from client.ros2.host import NodeHost
 from client.ros2.state_helper import StateHelperNode
 from client.ros2.urscript_interface import URScriptNode
@@ -69,8 +70,14 @@ async def bench_of(robot: Emulator, node_type: Any, *ros_arguments: str, **optio
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     async with AsyncRobot(HOST, **driver_options(robot, **options)) as arm:
         with free_domain() as domain:
-            async with NodeHost(domain=domain, ros_arguments=ros_arguments) as host, peer(domain) as other:
-                node = await asyncio.to_thread(node_type, host, arm)
+            side = ControlSide()
+            side.robot = arm
+            async with (
+                in_this_process(side) as link,
+                NodeHost(link, domain=domain, ros_arguments=ros_arguments) as host,
+                peer(domain) as other,
+            ):
+                node = await asyncio.to_thread(node_type, host, arm.driver.config)
                 try:
                     yield Bench(robot, arm, other)
                 finally:

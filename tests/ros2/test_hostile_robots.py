@@ -10,9 +10,10 @@ from random import Random
 from typing import Any, Final
 
 import pytest
-from ros2_rig import free_domain
+from ros2_rig import free_domain, in_this_process
 
 from client.ros2 import message_packages
+from client.ros2.control_side import ControlSide
 from client.ros2.driver import DriverOptions, Ros2Driver
 from tests.hostile import KINDS, HostileRobot
 from urproto.compat_asyncio import timeout
@@ -31,7 +32,7 @@ async def _live(host: str, domain: int) -> str:
     options = DriverOptions(host, {"silence_s": 0.4, "start_timeout_s": 1.0, **_PORTS}, domain=domain)
     try:
         with suppress(TimeoutError):
-            async with timeout(LIVED_S), Ros2Driver(options):
+            async with timeout(LIVED_S), in_this_process(ControlSide()) as link, Ros2Driver(options, link):
                 await asyncio.sleep(LIVED_S)
     except URError as error:
         return str(error)

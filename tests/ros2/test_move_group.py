@@ -56,7 +56,7 @@ async def rests(lab: Lab, q: Any) -> None:
     """The arm is there, or soon will be: a controller's goal ends within its tolerances."""
     async with timeout(30.0):
         while max(abs(one - other) for one, other in zip(stands(lab), q, strict=True)) > 1e-3:
-            await lab.driver.control.driver.link.next_state()
+            await lab.control.driver.link.next_state()
 
 
 def state(q: Any = START, names: Any = JOINT_NAMES) -> dict[str, Any]:
@@ -340,7 +340,7 @@ async def test_a_sequence_is_taken(lab: Lab) -> None:
     second.pop("start_state")
     kind = f"{ACTION}/MoveGroupSequence"
     states: list[Any] = []
-    listeners = lab.driver.control.driver.link.on_state
+    listeners = lab.control.driver.link.on_state
     listeners.append(watch := lambda state: states.append(state["actual_q"]))
     try:
         goal = {"request": {"items": [{"req": first, "blend_radius": 0.03}, {"req": second}]}}
@@ -599,8 +599,8 @@ async def move(lab: Lab, wait: bool = True, **more: Any) -> dict[str, Any]:
 async def moves(lab: Lab) -> None:
     """The base turns towards GOAL."""
     async with timeout(30.0):
-        while lab.driver.control.driver.state["actual_qd"][0] < 0.01:
-            await lab.driver.control.driver.link.next_state()
+        while lab.control.driver.state["actual_qd"][0] < 0.01:
+            await lab.control.driver.link.next_state()
 
 
 async def test_the_arm_moves_around_an_obstacle(lab: Lab) -> None:
@@ -610,7 +610,7 @@ async def test_the_arm_moves_around_an_obstacle(lab: Lab) -> None:
     own.add("post", Box((0.1, 0.1, 1.0)), (-0.5, 0.0, 0.5, 0.0, 0.0, 0.0))
     checker = CollisionChecker(own)
     states: list[Any] = []
-    listeners = lab.driver.control.driver.link.on_state
+    listeners = lab.control.driver.link.on_state
     listeners.append(watch := lambda state: states.append(state["actual_q"]))
     try:
         answer = await move(lab)

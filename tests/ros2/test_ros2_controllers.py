@@ -109,7 +109,7 @@ async def test_parameters(lab: Lab) -> None:
         return outcome
 
     assert (await put("constraints.goal_time", type=3, double_value=0.5))["successful"]
-    controller = lab.driver.control.manager.controller(SCALED)
+    controller = lab.control.manager.controller(SCALED)
     assert controller.parameters.constraints.goal_time == 0.5
     assert not (await put("joints", type=9, string_array_value=["a"]))["successful"]
     assert not (await put("constraints.goal_time", type=4, string_value="late"))["successful"]
@@ -183,7 +183,7 @@ async def test_the_hardware_component(lab: Lab) -> None:
     )
     assert not await set_io(1.0)
     assert (await go_to(1))["state"]["label"] == "unconfigured"
-    assert not lab.driver.control.driver.program_running
+    assert not lab.control.driver.program_running
     (component,) = (await lab.peer.call("/controller_manager/list_hardware_components", listing))["component"]
     assert not any(one["is_available"] for one in component["state_interfaces"])
     assert not (await go_to(77))["ok"]
@@ -208,7 +208,7 @@ async def test_inputs_and_outputs(lab: Lab) -> None:
         assert not (await lab.peer.call(f"{io}/set_io", "ur_msgs/srv/SetIO", **bad))["success"], bad
     slider = "ur_msgs/srv/SetSpeedSliderFraction"
     assert (await lab.peer.call(f"{io}/set_speed_slider", slider, speed_slider_fraction=0.5))["success"]
-    assert lab.driver.control.driver.state["target_speed_fraction"] == pytest.approx(0.5, abs=1e-3)
+    assert lab.control.driver.state["target_speed_fraction"] == pytest.approx(0.5, abs=1e-3)
     assert not (await lab.peer.call(f"{io}/set_speed_slider", slider, speed_slider_fraction=0.0))["success"]
     assert (await lab.peer.call(f"{io}/set_speed_slider", slider, speed_slider_fraction=1.0))["success"]
     load = {"mass": 1.5, "center_of_gravity": {"x": 0.0, "y": 0.0, "z": 0.05}}

@@ -12,9 +12,10 @@ from typing import Any
 import pytest
 from driver_rig import HOME, driver_options, emulator
 from ros2_requests import SUCCEEDED, TRIGGER, begin, follow, shifted, states, until
-from ros2_rig import HOST, PATIENCE_S, SCALED, Lab, laboratory
+from ros2_rig import HOST, PATIENCE_S, SCALED, Lab, in_this_process, laboratory
 
 from client.errors import ClientError
+from client.ros2.control_side import ControlSide
 from client.ros2.driver import DriverOptions, Ros2Driver
 from client.ros2.host import NodeHost, interface_if_any
 from emulator.app import Emulator
@@ -28,6 +29,7 @@ from urproto.yamltext import load_yaml
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("ros2")]
 
 OFFICIAL = load_yaml(Path(__file__).with_name("official_driver.yaml").read_text("utf-8"))["nodes"]
+RUNNING = "/io_and_status_controller/robot_program_running"
 _ACTION = "/_action/send_goal"
 
 
@@ -89,15 +91,14 @@ async def test_states_of_the_arm_are_published(lab: Lab) -> None:
 
 
 async def test_the_program_is_lost_and_comes_back(lab: Lab) -> None:
-    running = "/io_and_status_controller/robot_program_running"
     assert (await lab.peer.call("/io_and_status_controller/hand_back_control", TRIGGER))["success"]
-    while (await lab.peer.echo(running, "std_msgs/msg/Bool", latched=True))["data"]:
+    while (await lab.peer.echo(RUNNING, "std_msgs/msg/Bool", latched=True))["data"]:
         pass
     while (await states(lab))[SCALED] == "active":
         pass
     assert not await begin(lab, SCALED, HOME, 1.0)
     assert (await lab.peer.call("/io_and_status_controller/resend_robot_program", TRIGGER))["success"]
-    while not (await lab.peer.echo(running, "std_msgs/msg/Bool", latched=True))["data"]:
+    while not (await lab.peer.echo(RUNNING, "std_msgs/msg/Bool", latched=True))["data"]:
         pass
     while (await states(lab))[SCALED] != "active":
         pass
@@ -116,6 +117,12 @@ async def test_a_robot_that_goes_and_comes_back_finds_the_driver_where_it_was() 
             await until(lab, lambda now: now[SCALED] == "active")
             await first.aclose()
             await until(lab, lambda now: now[SCALED] == "inactive")
+            while (await lab.peer.echo(RUNNING, "std_msgs/msg/Bool", latched=True))["data"]:
+                pass
+            assert not (await lab.peer.call("/io_and_status_controller/set_io", "ur_msgs/srv/SetIO", fun=1))["success"]
+            listing = "controller_manager_msgs/srv/ListHardwareComponents"
+            (arm,) = (await lab.peer.call("/controller_manager/list_hardware_components", listing))["component"]
+            assert arm["state"]["label"] == "inactive"
             async with Emulator(config):
                 await until(lab, lambda now: now[SCALED] == "active")
                 assert (await follow(lab, SCALED, shifted(0.1), 1.0))["status"] == SUCCEEDED
@@ -150,8 +157,8 @@ async def test_a_driver_that_is_cancelled_while_it_makes_a_node_leaves_none(monk
         spin(host, node)
 
     monkeypatch.setattr(NodeHost, "spin", held)
-    async with emulator("ur3") as robot:
-        opening = asyncio.ensure_future(Ros2Driver(DriverOptions(HOST, driver_options(robot))).__aenter__())
+    async with emulator("ur3") as robot, in_this_process(ControlSide()) as link:
+        opening = asyncio.ensure_future(Ros2Driver(DriverOptions(HOST, driver_options(robot)), link).__aenter__())
         await at_work.wait()
         opening.cancel()
         loop.call_later(0.2, go_on.set)

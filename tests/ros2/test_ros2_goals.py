@@ -76,7 +76,7 @@ async def test_a_goal_is_canceled(lab: Lab) -> None:
 
 async def test_a_goal_is_replaced(lab: Lab) -> None:
     assert await begin(lab, SCALED, shifted(1.0), 8.0)
-    first = lab.driver.control.manager.controller(SCALED).goal
+    first = lab.control.manager.controller(SCALED).goal
     assert await begin(lab, SCALED, shifted(0.1), 1.0)
     assert (first.result.error_code, first.result.error_string) == (
         -1, "Current goal preempted by new incoming action.",
@@ -99,7 +99,7 @@ async def until_contact(lab: Lab, target: Any, seconds: float, **more: Any) -> b
 
 @pytest.mark.long
 async def test_a_trajectory_until_the_tool_touches_something(lab: Lab) -> None:
-    watching = lab.driver.control.manager.controller("tool_contact_controller")
+    watching = lab.control.manager.controller("tool_contact_controller")
     assert not await until_contact(lab, shifted(0.4), 2.0)  # nobody watches
     await only(lab, SCALED, "tool_contact_controller")
     assert not await until_contact(lab, shifted(0.4), 2.0, until_type=1)
@@ -245,7 +245,7 @@ async def test_where_a_trajectory_will_be_and_how_fast_its_time_passes(lab: Lab)
         assert not answer["success"]
         assert "of the trajectory" in answer["message"]
     scaling, factor = f"/{controller}/speed_scaling_input", "control_msgs/msg/SpeedScalingFactor"
-    its = lab.driver.control.manager.controller(controller)
+    its = lab.control.manager.controller(controller)
     for number in (0.25, -1.0, 1.0) if interface_if_any(factor) else ():  # Humble has none
         await lab.peer.request(publish=scaling, type=factor, latched=True, message={"factor": number})
         if number > 0.0:

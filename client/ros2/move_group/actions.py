@@ -58,11 +58,7 @@ class _Action:
         return result
 
     def _cancel(self, handle: Any) -> CancelResponse:
-        try:
-            self._host.do(lambda: self._stop(handle))
-        except ClientError as error:
-            self._node.get_logger().error(f"{self._name}: the motion cannot be stopped: {error}")
-            return CancelResponse.REJECT
+        self._host.loop.call_soon_threadsafe(self._stop, handle)
         return CancelResponse.ACCEPT
 
     # in the event loop
@@ -192,7 +188,7 @@ class _PlanAndMove(_Action):
         self._fill_result(result, plan, executed=True)
 
     async def _planned(self, goal: Any, *, plan_only: bool) -> PlanResult:
-        q = self._monitor.current_configuration()
+        q = await self._monitor.current_configuration()
         difference = goal.planning_options.planning_scene_diff
         difference.is_diff = True  # as its name says; an empty message does not mean an empty scene
         state = self._monitor.state.changed(difference, q)
@@ -204,7 +200,7 @@ class _PlanAndMove(_Action):
         """The current scene. Raises RefusedError if it is not the one that was seen, and blocks the path."""
         now = self._monitor.state
         if now is not planned_in:
-            q = self._monitor.current_configuration()
+            q = await self._monitor.current_configuration()
             blocked = await asyncio.to_thread(lambda: blocking_reason(CollisionChecker(now.scene()), trajectory, q))
             if blocked:
                 raise RefusedError("MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE", blocked)

@@ -3,8 +3,9 @@
 import asyncio
 from typing import Any
 
-from client.controllers.control import RobotControl
 from client.errors import StaleStateError
+from client.ros2.control_side import SIDE, ControlSide
+from client.ros2.host import NodeHost
 from client.ros2.move_group.arm import Arm, RefusedError
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
@@ -13,28 +14,32 @@ from urproto.robots import Joints
 class Monitor:
     """Changes in the event loop only; its states can be used anywhere, since they are never changed in place."""
 
-    def __init__(self, arm: Arm, control: RobotControl) -> None:
+    def __init__(self, arm: Arm, host: NodeHost) -> None:
         self.arm = arm
         self.state = SceneState(arm)
-        self._control = control
+        self._host = host
         self._waiting: list[asyncio.Future[None]] = []
 
-    def current_configuration(self) -> Joints:
+    async def current_configuration(self) -> Joints:
         """The arm's current configuration. Raises RefusedError while the robot does not report it."""
         try:
-            state = self._control.driver.link.feed.fresh()
+            a, b, c, d, e, f = await self._host.call(ControlSide.configuration, SIDE)
         except StaleStateError as error:
             raise RefusedError("ROBOT_STATE_STALE", f"the arm's configuration is unknown: {error}") from None
-        a, b, c, d, e, f = (float(q) for q in state["actual_q"])
         return (a, b, c, d, e, f)
 
-    def apply(self, message: Any) -> None:
-        """Apply a message to the scene. Raises RefusedError and SceneError; the scene then stays as it was."""
-        self.state = self.state.changed(message, self.current_configuration())
+    async def apply(self, message: Any) -> Joints:
+        """Apply a message to the scene; returns the arm's configuration.
+
+        Raises RefusedError and SceneError; the scene then stays as it was.
+        """
+        q = await self.current_configuration()
+        self.state = self.state.changed(message, q)
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             if not future.done():
                 future.set_result(None)
+        return q
 
     async def wait_for_change(self) -> None:
         """Wait until the scene changes."""

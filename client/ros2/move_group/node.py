@@ -9,8 +9,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from client.controllers.control import RobotControl
-from client.errors import ClientError, PlanningError
+from client.errors import PlanningError
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction, SequenceAction
 from client.ros2.move_group.arm import Arm, RefusedError
@@ -38,12 +37,12 @@ _CHANGING: Final = (
 class MoveGroupNode:
     """The node; it spins from its construction until `close`."""
 
-    def __init__(self, host: NodeHost, control: RobotControl, model: RobotModel, prefix: str = "") -> None:
+    def __init__(self, host: NodeHost, model: RobotModel, prefix: str = "") -> None:
         self._host = host
         self.node = node = host.node(NAME)
         self._arm = Arm(model, prefix)
-        self._monitor = Monitor(self._arm, control)
-        self._execution = Execution(control)
+        self._monitor = Monitor(self._arm, host)
+        self._execution = Execution(host)
         semantic = srdf(self._arm)
         fixed = ParameterDescriptor(read_only=True)
         node.declare_parameter("robot_description", urdf(model, prefix=prefix), fixed)
@@ -92,8 +91,8 @@ class MoveGroupNode:
     def _apply_message(self, what: str, message: Any) -> bool:
         """Apply a message to the scene, completely or not at all; return whether it was applied."""
         try:
-            self._host.do(lambda: self._monitor.apply(message))
-            scene_message = self._monitor.state.message(self._host.do(self._monitor.current_configuration))
+            q = self._host.wait(self._monitor.apply(message))
+            scene_message = self._monitor.state.message(q)
         except (RefusedError, PlanningError) as error:
             self._log_error(what, error)
             return False
@@ -108,7 +107,7 @@ class MoveGroupNode:
     def _handler(self, row: PlanningService) -> Callable[[Any, Any], Any]:
         def handle(request: Any, response: Any) -> Any:
             try:
-                _, reason = answer_request(row, self._host.do(self._context), request, response)
+                _, reason = answer_request(row, self._host.wait(self._context()), request, response)
             except RefusedError as error:
                 self._refuse(row, response, error)
             else:
@@ -121,7 +120,7 @@ class MoveGroupNode:
     def _planner(self, row: PlanningService) -> Callable[[Any, Any], Any]:
         async def handle(request: Any, response: Any) -> Any:
             try:
-                now = self._host.do(self._context)
+                now = self._host.wait(self._context())
             except RefusedError as error:
                 self._refuse(row, response, error)
                 return response
@@ -143,16 +142,16 @@ class MoveGroupNode:
         if message.data != "stop":
             self._log_error("trajectory_execution_event", f"unknown event {message.data!r}: only stop is supported")
             return
-        try:
-            self._host.do(self._execution.stop)
-        except ClientError as error:
-            self._log_error("trajectory_execution_event", error)
+        self._host.loop.call_soon_threadsafe(self._execution.stop)
+
+    # in the event loop
+
+    async def _context(self) -> RequestContext:
+        """The context of a request."""
+        q = await self._monitor.current_configuration()
+        return RequestContext(self._arm, self._monitor.state, q)
 
     # anywhere
-
-    def _context(self) -> RequestContext:
-        """The context of a request; call it in the event loop."""
-        return RequestContext(self._arm, self._monitor.state, self._monitor.current_configuration())
 
     def _publish_plan(self, plan: PlanResult) -> None:
         """Publish a plan for RViz."""
