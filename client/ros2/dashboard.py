@@ -11,19 +11,21 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Any, Final
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from std_srvs.srv import Trigger
 
-from client import dashboard
+from client import dashboard, robotapi
 from client.dashboard import BlockingDashboardClient, Operation
 from client.driver import DriverConfig
-from client.errors import ClientError, ConnectionLostError
+from client.errors import ClientError, ConnectionLostError, FileError, RobotUnreachableError
+from client.robotapi import BlockingRobotAPIClient
 from client.ros2.host import NodeHost, interface_if_any
 from urproto.dashboard import ProgramState
+from urproto.durable import write_file
 from urproto.errors import RemoteProtocolError, RobotRefused, URError
 from urproto.modes import RobotMode
 
@@ -35,7 +37,8 @@ _POWER_ON_S: Final = 300.0  # the same for power_on, whose command is repeated
 _POWER_ON_RETRY_S: Final = 1.0  # interval at which it is repeated
 _POLL_S: Final = 0.1
 _MAX_UINT64: Final = 2**64 - 1  # uint64
-_POLYSCOPE_X: Final = "it is for robots with PolyScope X: on this one, use load_program"
+_POLYSCOPE_X: Final = "this robot has no Robot API"
+_NOT_POLYSCOPE_X: Final = "it is for PolyScope X: elsewhere, copy programs to the robot's folder and use load_program"
 _PROGRAM_STATE: Final = replace(  # with the name that the robot gives no program
     dashboard.PROGRAM_STATE, read=lambda reply: (dashboard.PROGRAM_STATE.read(reply)[0], reply.partition(" ")[2])
 )
@@ -98,10 +101,6 @@ def _with_program(operation: Operation[Any], name: Callable[[Any], str | None]) 
         return answer
 
     return replace(operation, read=read)
-
-
-def _polyscope_x(request: Any) -> Operation[Any]:
-    raise RobotRefused(type(request).__qualname__, "this robot does not have it", _POLYSCOPE_X)
 
 
 def _trigger(
@@ -196,11 +195,67 @@ SERVICES: Final = (
         version__major=lambda version: version.major, version__minor=lambda version: version.minor,
         version__bugfix=lambda version: version.bugfix, version__build=lambda version: version.build,
     ),
-    DashboardService("get_programs", "GetPrograms", _polyscope_x),
-    DashboardService("upload_program", "UploadProgram", _polyscope_x),
-    DashboardService("update_program", "UploadProgram", _polyscope_x),
-    DashboardService("download_program", "DownloadProgram", _polyscope_x),
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RobotApiService:
+    """A service that only PolyScope X has. execute: calls the Robot API; returns the message and values of fields."""
+
+    name: str
+    type: str
+    execute: Callable[[BlockingRobotAPIClient, Any], tuple[str, Mapping[str, Any]]]
+
+
+def _resume(api: BlockingRobotAPIClient, request: Any) -> tuple[str, Mapping[str, Any]]:
+    api.request(robotapi.RESUME)
+    return "the program resumes", {}
+
+
+def _get_programs(api: BlockingRobotAPIClient, request: Any) -> tuple[str, Mapping[str, Any]]:
+    make = interface_if_any("ur_dashboard_msgs/msg/ProgramInformation")
+    stored = api.request(robotapi.PROGRAMS)
+    programs = [
+        make(
+            name=one.name,
+            description=one.description,
+            created_date=max(one.created_ms or 0, 0),
+            last_modified_date=max(one.modified_ms or 0, 0),
+            last_saved_date=max(one.saved_ms or 0, 0),
+            program_state=one.state,
+        )
+        for one in stored
+    ]
+    return f"{len(programs)} programs", {"programs": programs}
+
+
+def _upload(api: BlockingRobotAPIClient, request: Any, *, replaces: bool) -> tuple[str, Mapping[str, Any]]:
+    path = Path(request.file_path)
+    try:
+        file = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise FileError(path, getattr(error, "strerror", None) or str(error)) from error
+    name = api.request(robotapi.upload(file, replace=replaces))
+    return f"{name} is {'replaced' if replaces else 'stored'}", {"program_name": name}
+
+
+def _download(api: BlockingRobotAPIClient, request: Any) -> tuple[str, Mapping[str, Any]]:
+    path = Path(request.target_path)
+    file = api.request(robotapi.download(request.program_name))
+    try:
+        write_file(path, file)
+    except (OSError, ValueError) as error:
+        raise FileError(path, getattr(error, "strerror", None) or str(error)) from error
+    return f"{request.program_name} is saved as {path}", {}
+
+
+ROBOT_API_SERVICES: Final = (
+    RobotApiService("resume", "Trigger", _resume),
+    RobotApiService("get_programs", "GetPrograms", _get_programs),
+    RobotApiService("upload_program", "UploadProgram", partial(_upload, replaces=False)),
+    RobotApiService("update_program", "UploadProgram", partial(_upload, replaces=True)),
+    RobotApiService("download_program", "DownloadProgram", _download),
+)
 
 
 class DashboardNode:
@@ -227,10 +282,11 @@ class DashboardNode:
         self._client: BlockingDashboardClient | None = None
         self._ended = threading.Event()
         self.node.create_service(Trigger, "~/connect", self._connect)
-        for service in SERVICES:
+        for service in (*SERVICES, *ROBOT_API_SERVICES):
             kind = Trigger if service.type == "Trigger" else interface_if_any(f"ur_dashboard_msgs/srv/{service.type}")
+            serve = self._serve if isinstance(service, DashboardService) else self._serve_programs
             if kind is not None:  # otherwise this distribution of ROS does not have it
-                self.node.create_service(kind, f"~/{service.name}", partial(self._serve, service))
+                self.node.create_service(kind, f"~/{service.name}", partial(serve, service))
         host.spin(self.node)
 
     def close(self) -> None:
@@ -253,6 +309,27 @@ class DashboardNode:
             self.node.get_logger().error(f"{service.name}: {error}")
             line, success = str(error), False
         return _answered(response, success, line)
+
+    def _serve_programs(self, service: RobotApiService, request: Any, response: Any) -> Any:
+        try:
+            line, values = self._call_robot_api(service, request)
+            for path, value in values.items():
+                _set(response, path, value)
+            success = True
+        except URError as error:
+            self.node.get_logger().error(f"{service.name}: {error}")
+            line, success = str(error), False
+        return _answered(response, success, line)
+
+    def _call_robot_api(self, service: RobotApiService, request: Any) -> tuple[str, Mapping[str, Any]]:
+        """Raises RobotRefused if the robot has no Robot API, FileError, and errors of the connection."""
+        if self._robot_api_port is None:
+            raise RobotRefused(service.name, _POLYSCOPE_X, _NOT_POLYSCOPE_X)
+        try:
+            with BlockingRobotAPIClient(self._address, self._robot_api_port) as api:
+                return service.execute(api, request)
+        except (RobotUnreachableError, RemoteProtocolError) as error:
+            raise RobotRefused(service.name, f"{_POLYSCOPE_X} ({error})", _NOT_POLYSCOPE_X) from error
 
     def _connect(self, request: Any, response: Any) -> Any:
         if self._connected():

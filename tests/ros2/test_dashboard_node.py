@@ -2,10 +2,12 @@
 
 import asyncio
 import gzip
+import json
 import os
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from driver_rig import HOST, emulator
 from ros2_rig import Peer, free_domain, peer
 
 from client.driver import DriverConfig
-from client.ros2.dashboard import SERVICES, DashboardNode
+from client.ros2.dashboard import ROBOT_API_SERVICES, SERVICES, DashboardNode
 from client.ros2.host import NodeHost
 from emulator.lifecycle.safety import SafetyEvent
 from tests.budget import subset
@@ -23,7 +25,7 @@ from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 
 SPEED = 10.0  # nobody here is a second late
 PROGRAM = "while True:\n  sync()\nend\n"
-TYPES = {row.name: row.type for row in SERVICES} | {"connect": "Trigger"}
+TYPES = {row.name: row.type for row in (*SERVICES, *ROBOT_API_SERVICES)} | {"connect": "Trigger"}
 INSTALLATION = (
     b'<Installation><TCPSettings activePose="TCP" toolPayload="0.5"><availablePoses>'
     b'<tcp name="TCP" offset="0, 0, 0.2, 0, 0, 0"/></availablePoses></TCPSettings></Installation>'
@@ -156,8 +158,8 @@ async def test_every_service(model: str, tmp_path: Path) -> None:
             await send_request.well("clear_operational_mode")
             assert "CB3 since" in await send_request.refusal("get_user_role")
             assert "CB3 since" in await send_request.refusal("set_user_role", user_role={"role": "NONE"})
-        for name in ("get_programs", "upload_program", "update_program", "download_program"):
-            assert "PolyScope X" in await send_request.refusal(name)
+        for service in ROBOT_API_SERVICES:
+            assert f"'{service.name}': this robot has no Robot API" in await send_request.refusal(service.name)
 
         robot.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
         assert (await send_request.well("get_safety_mode"))["safety_mode"]["mode"] == SafetyMode.PROTECTIVE_STOP
@@ -177,6 +179,30 @@ async def test_every_service(model: str, tmp_path: Path) -> None:
         assert await send_request.words("shutdown") == "Shutting down"
         assert robot.controller.shutdown_requested
         assert send_request.called == set(TYPES)
+
+
+async def test_programs_on_polyscope_x(tmp_path: Path) -> None:
+    """Stored, listed, replaced, fetched and resumed through the Robot API; the file is the emulator's own."""
+    file = resources.files("emulator.programs.polyscope_x") / "default.urpx"
+    path, copy = tmp_path / "a.urpx", tmp_path / "copy.urpx"
+    path.write_bytes(file.read_bytes().replace(b"Default program", b"pick"))
+    async with (
+        emulator("ur5e", version="10.12.0", speed=SPEED) as robot,
+        dashboard_of({"dashboard": 0, **robot.ports}) as send_request,
+    ):
+        stored = await send_request.well("upload_program", file_path=str(path))
+        assert stored["answer"] == f"{stored['program_name']} is stored"
+        listed = await send_request.well("get_programs")
+        assert stored["program_name"] in [program["name"] for program in listed["programs"]]
+        await send_request.refusal("upload_program", file_path=str(path))
+        await send_request.well("update_program", file_path=str(path))
+        await send_request.well("download_program", program_name=stored["program_name"], target_path=str(copy))
+        assert json.loads(copy.read_bytes())["program"]
+        assert "no-such" in await send_request.refusal("upload_program", file_path=str(tmp_path / "no-such"))
+        assert "no/folder" in await send_request.refusal(
+            "download_program", program_name=stored["program_name"], target_path=str(tmp_path / "no/folder/x")
+        )
+        await send_request.refusal("resume")
 
 
 async def test_a_robot_that_goes_and_comes_back(tmp_path: Path) -> None:
