@@ -109,9 +109,9 @@ def test_the_enabling_device_is_effective_only_in_manual_mode(make):
     assert rig.tick().safety_status_bits == 1
 
 
-def test_manual_mode_is_slow_unless_high_speed_is_allowed(make):
-    def fastest(high_speed):
-        pins = {SafetyInput.ENABLING_DEVICE: (2, 3), SafetyInput.OPERATIONAL_MODE: (4, 5)}
+def test_manual_mode_with_an_enabling_device_is_slow_unless_high_speed_is_allowed(make):
+    def fastest(high_speed, device=SafetyInput.ENABLING_DEVICE):
+        pins = {device: (2, 3), SafetyInput.OPERATIONAL_MODE: (4, 5)}
         rig = wired(make, pins, manual_high_speed=high_speed)
         rig.controller.post(SetSafetyInput(SafetyInput.OPERATIONAL_MODE, True))
         rig.script(LONG)
@@ -123,6 +123,16 @@ def test_manual_mode_is_slow_unless_high_speed_is_allowed(make):
 
     assert fastest(False) == pytest.approx(0.25, rel=0.03)
     assert fastest(True) > 0.4
+    assert fastest(False, SafetyInput.SAFEGUARD_RESET) > 0.4
+
+
+def test_freedrive_by_input_and_button(make):
+    rig = wired(make, {SafetyInput.FREEDRIVE: (2, 3)})
+    for high in (True, False, True):
+        rig.controller.post(SetSafetyInput(SafetyInput.FREEDRIVE, high))
+        rig.seconds(1.0)
+        assert (rig.now.control_mode is ControlMode.TEACH) is high
+        assert bool(rig.now.robot_status_bits & RobotStatusBits.TEACH_BUTTON) is high
 
 
 def test_the_automatic_mode_safeguard_is_ignored_in_manual_mode(make):
