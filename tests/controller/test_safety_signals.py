@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from emulator.commands.safety import FreedriveButton, Jog, SetSafetyDevice, SetSafetyInput
+from emulator.commands.safety import Jog, SetSafetyDevice, SetSafetyInput
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.conditions import SafetyDevice
 from emulator.servers.primary_state import robot_state
@@ -54,14 +54,6 @@ def test_either_channel_triggers_an_emergency_stop(make, channel):
     assert level(rig, channel, False).safety_mode is SafetyMode.SYSTEM_EMERGENCY_STOP
     rig.until(lambda s: s.robot_mode is RobotMode.POWER_OFF, 1.0)
     assert level(rig, channel, True).safety_mode is SafetyMode.NORMAL
-
-
-def test_the_second_emergency_stop_holds_when_the_first_is_released(make):
-    rig = wired(make)
-    press(rig, SafetyDevice.EMERGENCY_STOP)
-    assert press(rig, SafetyDevice.SYSTEM_EMERGENCY_STOP).safety_mode is SafetyMode.ROBOT_EMERGENCY_STOP
-    assert press(rig, SafetyDevice.EMERGENCY_STOP, False).safety_mode is SafetyMode.SYSTEM_EMERGENCY_STOP
-    assert press(rig, SafetyDevice.SYSTEM_EMERGENCY_STOP, False).safety_mode is SafetyMode.NORMAL
 
 
 def test_without_a_reset_input_closing_the_safeguard_resumes_the_program(make):
@@ -218,18 +210,6 @@ def test_a_violation_switches_every_output_low(make):
 
 
 # the pendant
-
-
-def test_holding_the_freedrive_button_enables_freedrive(make):
-    rig = wired(make)
-    rig.controller.post(FreedriveButton(True))
-    rig.tick(2)
-    assert rig.now.control_mode is ControlMode.TEACH
-    assert rig.now.robot_status_bits & RobotStatusBits.TEACH_BUTTON
-    rig.controller.post(FreedriveButton(False))
-    rig.seconds(1.0)
-    assert rig.now.control_mode is ControlMode.POSITION
-    assert not rig.now.robot_status_bits & RobotStatusBits.TEACH_BUTTON
 
 
 def test_jogging_waits_for_programs_to_end(make):

@@ -351,17 +351,6 @@ def test_the_first_speed_that_is_commanded(p, feedforward, speed):
     assert bench.joints.commands["shoulder_joint/velocity"] == pytest.approx(0.0)
 
 
-def test_without_interpolation_each_point_is_commanded_when_the_one_before_has_passed():
-    bench, jtc = started(interpolation_method="none")
-    jtc.send_goal(trajectory(point(0.5, 1.0, 0.0), point(1.0, 2.0, 0.0)))
-    seen = []
-    for _ in range(120):
-        bench.cycle()
-        seen.append(bench.joints.commands["shoulder_joint/position"])
-    assert set(seen) <= {0.0, 1.0, 2.0}
-    assert (seen[20], seen[60], seen[110]) == (0.0, 2.0, 2.0)
-
-
 def test_an_activation_holds_the_last_command_unless_told_to_hold_the_position():
     for last, held in ((True, 0.7), (False, 0.4)):
         bench = Bench(set_last_command_interface_value_as_state_on_activation=last)

@@ -331,17 +331,6 @@ async def test_a_program_without_a_token(
             assert not program.running
 
 
-async def test_no_program_without_a_token_replaces_this_drivers() -> None:
-    async with opened() as (program, link):
-        await connected(program, link)
-        link.show(PLAYING)
-        own = program.reverse.peer
-        await link.connect(*ENDS, token="")
-        link.show(PLAYING, 1.0)
-        await asyncio.sleep(0.5)
-        assert program.reverse.peer is own
-
-
 # keeping alive
 
 

@@ -63,15 +63,6 @@ def test_a_door_turns_about_its_edge_when_the_arm_pushes_it(cell):
     assert here.position("door")[0] < -0.63
 
 
-def test_a_lamp_is_lit_while_its_output_is_high(cell):
-    here = cell("lamp: {sphere: 0.02, pose: [-0.6, 0, 0.5], lamp: 7, colour: [1, 0, 0]}")
-    geom = here.world.model.geom("lamp").id
-    assert here.world.model.geom_rgba[geom][0] == pytest.approx(0.25)
-    here.output(7, True)
-    here.robot.step(1)
-    assert here.world.model.geom_rgba[geom][0] == pytest.approx(1.0)
-
-
 # what each output does, and when each input is high
 
 
@@ -173,19 +164,3 @@ def test_jaws_close_at_their_speed_and_hold_nothing(cell):
     here.seconds(0.5)
     assert between() == pytest.approx(0.06, abs=1e-3)
     assert not here.input(1)
-
-
-def test_a_saved_cell_continues_with_its_jaws_and_cups(cell):
-    more = JAWS.replace("}}}", "}}, cup: {suction: {output: 3, vacuum: 4}, pose: [0, 0.2, 0.1]}}")
-    here = cell(TABLE, more=more)
-    here.output(0, True)
-    here.seconds(0.2)
-    saved, state = here.robot.save(), here.world.save()
-    here.seconds(1.0)
-    assert here.input(2)
-    assert here.world.save() != state
-    here.robot.restore(saved)
-    assert here.world.save() == state
-    here.robot.step(1)
-    assert not here.input(2)
-    here.until(lambda: here.input(2), within_s=0.5)

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("ompl")
 
 from client.errors import PlanningError
-from client.planning import CollisionChecker, JointGoal, Planner, PlanningScene, PoseGoal, Sphere
+from client.planning import CollisionChecker, JointGoal, PlanningScene, PoseGoal, Sphere
 from client.planning.goals import GoalUnreachableError, goal_configurations
 from client.planning.parameterisation import Limits, Trajectory, parameterise, subdivide
 
@@ -225,17 +225,3 @@ def test_a_motion_is_blocked_by_what_is_between_its_ends(turn_rad: float, share:
     assert abs(at - share) * abs(turn_rad) * radius < 0.01 + 0.002 + scene.padding_m + 0.002
     scene.move("pin", (place[0], place[1], place[2] + 0.5, 0.0, 0.0, 0.0))
     assert checker.path_is_free(Q, end)
-
-
-@pytest.mark.parametrize("planner", ["RRTConnect", "PTP"])
-def test_the_scalings_of_a_plan(planner: Any) -> None:
-    goal = JointGoal((3.4, *Q[1:]))
-    arm = Planner(PlanningScene("ur5e"))
-    whole = arm.plan(Q, goal, planner=planner)
-    half = arm.plan(Q, goal, planner=planner, velocity_scaling=0.5)
-    gentle = arm.plan(Q, goal, planner=planner, acceleration_scaling=0.5)
-    assert abs(half.trajectory.qd).max() == pytest.approx(0.5 * arm.limits.velocity[0], rel=0.05)
-    assert abs(gentle.trajectory.qdd).max() == pytest.approx(0.5 * arm.limits.acceleration[0], rel=0.05)
-    assert abs(whole.trajectory.qdd).max() == pytest.approx(arm.limits.acceleration[0], rel=0.05)
-    assert whole.duration_s < min(half.duration_s, gentle.duration_s)
-    assert whole.trajectory.duration_s == whole.duration_s
