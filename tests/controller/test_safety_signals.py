@@ -106,6 +106,8 @@ def test_manual_mode_with_an_enabling_device_is_slow_unless_high_speed_is_allowe
         pins = {device: (2, 3), SafetyInput.OPERATIONAL_MODE: (4, 5)}
         rig = wired(make, pins, manual_high_speed=high_speed)
         rig.controller.post(SetSafetyInput(SafetyInput.OPERATIONAL_MODE, True))
+        for active in (True, False):  # after any change of the safety mode, too
+            press(rig, SafetyDevice.REDUCED_MODE, active)
         rig.script(LONG)
         rig.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
         speeds = []
