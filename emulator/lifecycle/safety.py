@@ -170,7 +170,7 @@ class Safety:
 
     def _follow(self, event: SafetyEvent) -> None:
         mode = SAFETY_TABLE.get((self.mode, event))
-        if mode is None or mode is self.mode:
+        if mode is None:
             return
         self._begin(mode)
         if mode is SafetyMode.NORMAL:

@@ -196,7 +196,7 @@ class Programs:
         """
         if self.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
             return self._answer(self.resume())
-        if self.state is RuntimeState.PLAYING or self._next is not None:
+        if self.state in _RUNNING or self._next is not None:
             return self._answer(True)
         coming = [submission for submission in (*self._compiling.waiting, self._player.waiting) if submission]
         if mains := [submission for submission in coming if submission.main]:
@@ -333,8 +333,6 @@ class Programs:
             return
         self._next = None
         self._machine.freedrive_inputs.release()
-        if self._machine.motion.paused:  # a protective stop without a program
-            self._machine.motion.resume()
         if self._machine.version.series is Series.E and self._player.made(program):
             # A vendor's engineer, of programs that the pendant plays (ROS driver, issues 512 and 643). Their preamble
             # sets the payload, which zeroes the sensor; a script that a client sends has no preamble (guess).

@@ -255,17 +255,15 @@ class SafetyBoard:
         if SafetyMode.REDUCED in (before, mode):
             machine.motion.mode_changed()
         if machine.safety.stopped:
-            self._stop(before)
+            self._stop()
         else:
             self._release(before)
 
-    def _stop(self, before: SafetyMode) -> None:
+    def _stop(self) -> None:
         machine, mode = self._machine, self._machine.safety.mode
         programs, category = machine.programs, STOP_CATEGORY[mode]
         if mode is SafetyMode.SAFEGUARD_STOP:
             self._resume = programs.state is RuntimeState.PLAYING
-        elif before is not SafetyMode.SAFEGUARD_STOP:
-            self._resume = False
         self.safety_popup = mode.name
         self._stop_monitor.begin(category, mode)
         machine.messages.trace(

@@ -2,12 +2,12 @@
 
 import pytest
 
-from emulator.commands.requests import DashboardLine, RTDEInputs, ScriptUnit
+from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.programs.loading import ProgramLoadError
 from urproto.modes import RuntimeState, SafetyMode
-from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RequestValueMessage
+from urproto.primary.messages import PopupMessage, RequestValueMessage
 
 
 def test_start_and_end_are_reported_once_around_the_text(rig):
@@ -48,19 +48,6 @@ def test_a_runtime_error_ends_the_program_after_its_message(rig):
     rig.seconds(0.1)
     assert [type(m).__name__ for m in rig.messages] == ["KeyMessage", "RuntimeExceptionMessage", "KeyMessage"]
     assert rig.exceptions[0].line == 3
-
-
-def test_a_new_program_replaces_the_running_one(rig):
-    rig.start("while True:\n  sync()\nend", name="old")
-    rig.tick(5)
-    rig.start("while True:\n  sync()\nend", name="new")
-    rig.tick(10)
-    assert rig.keys == [
-        ("PROGRAM_XXX_STARTED", "old"),
-        ("PROGRAM_XXX_STOPPED", "old"),
-        ("PROGRAM_XXX_STARTED", "new"),
-    ]
-    assert rig.controller.programs.name == "new"
 
 
 def test_sockets_close_well_before_the_next_program_starts(rig):
@@ -127,13 +114,6 @@ def test_a_program_without_arm_power_waits_and_the_log_says_for_what(make_rig):
     assert any("prog waits: power the arm on" in line for line in rig.controller.messages.history)
 
 
-def test_power_off_ends_the_program(rig):
-    rig.start("while True:\n  sync()\nend")
-    rig.tick(3)
-    rig.controller.power_event(PowerEvent.POWER_OFF)
-    rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
-
-
 def test_a_secondary_program_runs_alongside_the_main_one(rig):
     rig.start("while True:\n  sync()\nend", name="main")
     rig.tick(3)
@@ -193,33 +173,6 @@ def test_a_program_moves_after_a_protective_stop_without_program(rig):
     assert rig.q[0] == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize(("action", "state"), [("stop", RuntimeState.STOPPED), ("pause", RuntimeState.PAUSED)])
-def test_the_watchdog_acts_when_the_client_falls_silent(rig, action, state):
-    rig.start(f'rtde_set_watchdog("input_int_register_0", 10, "{action}")\nwhile True:\n  sync()\nend')
-    rig.tick()
-    for _ in range(10):
-        rig.controller.post(RTDEInputs({"input_int_register_0": 1}))
-        rig.seconds(0.08)
-    assert rig.state is RuntimeState.PLAYING
-    silent = rig.until(lambda: rig.state is state, 1.0)
-    assert silent == pytest.approx(0.02, abs=0.01)
-
-
-def test_a_watchdog_that_stops_is_a_protective_stop_unless_the_program_asked_for_a_pause(rig):
-    """C207A0: URSim 5.25.2 and 3.15.8, and issue 28 of the ROS driver."""
-    loop = 'rtde_set_watchdog("input_int_register_0", 10, "stop")\nwhile True:\n  sync()\nend'
-    rig.start(f"pause_on_error_code(207)\n{loop}")
-    rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
-    assert rig.controller.safety.mode is SafetyMode.NORMAL
-    rig.controller.programs.stop()
-    rig.seconds(0.1)
-    rig.start(loop)
-    rig.until(lambda: rig.controller.safety.mode is SafetyMode.PROTECTIVE_STOP, 1.0)
-    rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
-    rig.tick()
-    assert [(m.code, m.argument) for m in rig.messages if isinstance(m, ErrorCodeMessage)] == [(207, 0)]
-
-
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
 def test_a_secondary_program_opens_a_socket_if_the_answer_comes_within_its_period(make_rig, model):
     """Forum thread 8259: `sec` programs that send "set speed" to the controller's own port, in daily use."""
@@ -252,12 +205,6 @@ def test_watchdog_action_in_capitals(rig):
     """As the program of the vendor's RTDE client writes it."""
     rig.start('rtde_set_watchdog("input_int_register_0", 10, "PAUSE")\nwhile True:\n  sync()\nend')
     rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
-
-
-def test_a_watchdog_with_action_ignore_does_nothing_and_ends_with_the_program(rig):
-    rig.run('rtde_set_watchdog("input_int_register_0", 100, "ignore")\nsleep(0.2)')
-    rig.run('rtde_set_watchdog("input_int_register_0", 100, "stop")')
-    rig.run("sleep(0.3)")
 
 
 @pytest.mark.parametrize(

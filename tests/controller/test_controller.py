@@ -301,21 +301,6 @@ def test_an_unreachable_line_stops_protectively(ready):
     assert error.level >= ReportLevel.WARNING
 
 
-def test_a_program_sent_during_a_protective_stop_waits_paused(ready):
-    ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
-    ready.tick()
-    ready.script(LONG_MOVE)
-    ready.seconds(0.3)
-    assert ready.now.runtime_state is RuntimeState.PAUSED
-    assert ready.now.target_qd == ZERO6
-    ready.seconds(5.0)
-    ready.request("unlock protective stop")
-    ready.seconds(0.3)
-    assert ready.now.runtime_state is RuntimeState.PAUSED
-    assert ready.request("play") == "Starting program"
-    ready.until(lambda s: any(s.target_qd), 1.0)
-
-
 @pytest.mark.parametrize("model", ["ur5", "ur5e"])
 def test_a_program_sent_before_the_brakes_are_released_waits_paused(make, model):
     """Issue 123 of the official client library: "the program state also seems to be paused"."""
@@ -354,20 +339,6 @@ def test_a_program_sent_while_one_is_paused_only_ends_it(ready, secondary):
     ready.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
 
 
-def test_a_program_that_a_safety_stop_has_paused_is_replaced(ready):
-    """The official C++ library, PrimaryClientTest.test_send_script_blocking_fail_on_robot_errors: a pose out of reach,
-    "unlock protective stop", and a program that starts within a second."""
-    ready.script("def out_of_reach():\n  movel(p[10, 0, 0, 0, 0, 0])\nend\n")
-    ready.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 1.0)
-    ready.seconds(5.0)
-    assert ready.request("unlock protective stop") == "Protective stop releasing"
-    ready.until(lambda s: s.safety_mode is SafetyMode.NORMAL, 1.0)
-    assert ready.now.runtime_state is RuntimeState.PAUSED
-    ready.script(LONG_MOVE)
-    ready.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
-    assert ready.now.program_name == "far"
-
-
 def test_the_dashboard_names_the_loaded_program_only(make, tmp_path):
     """A test suite of a driver against URSim 5.25.2 reads RTDE's runtime_state for a program it has sent."""
     (tmp_path / "own.script").write_text("def own():\n  sleep(9)\nend\n")
@@ -404,75 +375,12 @@ def test_play_in_local_control(make, tmp_path, version, remote, answer):
 # emergency stop, safeguard, reduced, violation
 
 
-@pytest.mark.parametrize(
-    ("event", "mode", "bits"),
-    [
-        (SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP, 0b1100_0000),
-        (SafetyEvent.SYSTEM_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP, 0b1010_0000),
-    ],
-)
-def test_emergency_stop(ready, event, mode, bits):
-    ready.script(LONG_MOVE)
-    ready.seconds(0.5)
-    ready.controller.safety_event(event)
-    ready.until(lambda s: s.robot_mode is RobotMode.POWER_OFF, 1.0)
-    assert ready.now.safety_mode is mode
-    assert ready.now.safety_status_bits & 0b1110_0000 == bits
-    assert ready.now.target_qd == ZERO6
-    ready.until(is_state(RuntimeState.PAUSED), 0.1)
-    assert ready.request("power on") == "Failed to execute: power on"
-    ready.controller.safety_event(SafetyEvent.EMERGENCY_STOP_RELEASED)
-    ready.tick()
-    assert ready.now.safety_mode is SafetyMode.NORMAL
-    assert ready.now.robot_mode is RobotMode.POWER_OFF
-    ready.request("brake release")
-    ready.until(lambda s: s.robot_mode is RobotMode.RUNNING, 1.0)
-    assert ready.request("play") == "Starting program"
-    ready.until(is_state(RuntimeState.STOPPED))
-    assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
-
-
 def test_emergency_stop_works_with_the_speed_slider_at_zero(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.3)
     ready.controller.speed.set_slider(0.0)
     ready.controller.safety_event(SafetyEvent.ROBOT_EMERGENCY_STOP)
     ready.until(lambda s: s.robot_mode is RobotMode.POWER_OFF, 2.0)
-
-
-def test_safeguard_stop_resumes_by_itself(ready):
-    ready.script(LONG_MOVE)
-    ready.seconds(0.5)
-    ready.controller.safety_event(SafetyEvent.SAFEGUARD_OPEN)
-    ready.until(is_state(RuntimeState.PAUSED), 1.0)
-    assert ready.now.robot_mode is RobotMode.RUNNING
-    ready.controller.safety_event(SafetyEvent.SAFEGUARD_CLOSED)
-    ready.until(is_state(RuntimeState.STOPPED))
-    assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
-
-
-def test_closing_the_safeguard_does_not_resume_a_program_paused_before(ready):
-    ready.script(LONG_MOVE)
-    ready.seconds(0.5)
-    ready.request("pause")
-    ready.controller.safety_event(SafetyEvent.SAFEGUARD_OPEN)
-    ready.tick()
-    ready.controller.safety_event(SafetyEvent.SAFEGUARD_CLOSED)
-    ready.seconds(0.3)
-    assert ready.now.runtime_state is RuntimeState.PAUSED
-
-
-def test_violation_stops_the_program_and_needs_a_restart(ready):
-    ready.script(LONG_MOVE)
-    ready.seconds(0.5)
-    ready.controller.safety_event(SafetyEvent.VIOLATION)
-    ready.until(lambda s: s.robot_mode is RobotMode.POWER_OFF, 1.0)
-    ready.until(is_state(RuntimeState.STOPPED), 1.0)
-    assert ready.now.safety_mode is SafetyMode.VIOLATION
-    assert ready.request("brake release") == "Failed to execute: brake release"
-    assert ready.request("restart safety") == "Restarting safety"
-    assert ready.now.safety_mode is SafetyMode.NORMAL
-    assert ready.now.robot_mode is RobotMode.POWER_OFF
 
 
 # programs

@@ -195,20 +195,6 @@ def test_a_second_protective_stop_does_not_restart_the_lock():
     assert safety.may_unlock_remotely
 
 
-def test_lasting_conditions_return_when_a_stronger_mode_ends():
-    safety = Safety()
-    safety.handle(SafetyEvent.REDUCED)
-    safety.handle(SafetyEvent.PROTECTIVE_STOP)
-    safety.handle(SafetyEvent.SAFEGUARD_OPEN)  # while stopped: only remembered
-    assert safety.mode is SafetyMode.PROTECTIVE_STOP
-    safety.handle(SafetyEvent.UNLOCK)
-    assert safety.mode is SafetyMode.SAFEGUARD_STOP
-    safety.handle(SafetyEvent.SAFEGUARD_CLOSED)
-    assert safety.mode is SafetyMode.REDUCED
-    safety.handle(SafetyEvent.NOT_REDUCED)
-    assert safety.mode is SafetyMode.NORMAL
-
-
 @pytest.mark.parametrize(
     ("opened", "closed", "status"),
     [
@@ -245,16 +231,6 @@ def test_recovery_mode_overrides_reduced_and_yields_to_every_stop():
     assert safety.mode is SafetyMode.RECOVERY
     safety.handle(SafetyEvent.INSIDE_LIMITS)
     assert safety.mode is SafetyMode.REDUCED
-
-
-def test_restart_does_not_release_a_pressed_emergency_stop():
-    safety = Safety()
-    safety.handle(SafetyEvent.ROBOT_EMERGENCY_STOP)
-    safety.handle(SafetyEvent.FAULT)
-    safety.handle(SafetyEvent.RESTART)
-    assert safety.mode is SafetyMode.ROBOT_EMERGENCY_STOP
-    safety.handle(SafetyEvent.EMERGENCY_STOP_RELEASED)
-    assert safety.mode is SafetyMode.NORMAL
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from emulator.commands.safety import FreedriveButton, Jog, SetSafetyDevice, SetSafetyInput
+from emulator.commands.safety import Jog, SetSafetyDevice, SetSafetyInput
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.signals import SafetyDevice
 from emulator.servers.primary_state import robot_state
@@ -56,14 +56,6 @@ def test_either_channel_triggers_an_emergency_stop(make, channel):
     assert level(rig, channel, True).safety_mode is SafetyMode.NORMAL
 
 
-def test_the_second_emergency_stop_holds_when_the_first_is_released(make):
-    rig = wired(make)
-    press(rig, SafetyDevice.EMERGENCY_STOP)
-    assert press(rig, SafetyDevice.SYSTEM_EMERGENCY_STOP).safety_mode is SafetyMode.ROBOT_EMERGENCY_STOP
-    assert press(rig, SafetyDevice.EMERGENCY_STOP, False).safety_mode is SafetyMode.SYSTEM_EMERGENCY_STOP
-    assert press(rig, SafetyDevice.SYSTEM_EMERGENCY_STOP, False).safety_mode is SafetyMode.NORMAL
-
-
 def test_without_a_reset_input_closing_the_safeguard_resumes_the_program(make):
     rig = wired(make)
     rig.script(LONG)
@@ -109,11 +101,13 @@ def test_the_enabling_device_is_effective_only_in_manual_mode(make):
     assert rig.tick().safety_status_bits == 1
 
 
-def test_manual_mode_is_slow_unless_high_speed_is_allowed(make):
-    def fastest(high_speed):
-        pins = {SafetyInput.ENABLING_DEVICE: (2, 3), SafetyInput.OPERATIONAL_MODE: (4, 5)}
+def test_manual_mode_with_an_enabling_device_is_slow_unless_high_speed_is_allowed(make):
+    def fastest(high_speed, device=SafetyInput.ENABLING_DEVICE):
+        pins = {device: (2, 3), SafetyInput.OPERATIONAL_MODE: (4, 5)}
         rig = wired(make, pins, manual_high_speed=high_speed)
         rig.controller.post(SetSafetyInput(SafetyInput.OPERATIONAL_MODE, True))
+        for active in (True, False):  # after any change of the safety mode, too
+            press(rig, SafetyDevice.REDUCED_MODE, active)
         rig.script(LONG)
         rig.until(lambda s: s.runtime_state is RuntimeState.PLAYING, 1.0)
         speeds = []
@@ -123,6 +117,16 @@ def test_manual_mode_is_slow_unless_high_speed_is_allowed(make):
 
     assert fastest(False) == pytest.approx(0.25, rel=0.03)
     assert fastest(True) > 0.4
+    assert fastest(False, SafetyInput.SAFEGUARD_RESET) > 0.4
+
+
+def test_freedrive_by_input_and_button(make):
+    rig = wired(make, {SafetyInput.FREEDRIVE: (2, 3)})
+    for high in (True, False, True):
+        rig.controller.post(SetSafetyInput(SafetyInput.FREEDRIVE, high))
+        rig.seconds(1.0)
+        assert (rig.now.control_mode is ControlMode.TEACH) is high
+        assert bool(rig.now.robot_status_bits & RobotStatusBits.TEACH_BUTTON) is high
 
 
 def test_the_automatic_mode_safeguard_is_ignored_in_manual_mode(make):
@@ -208,18 +212,6 @@ def test_a_violation_switches_every_output_low(make):
 
 
 # the pendant
-
-
-def test_holding_the_freedrive_button_enables_freedrive(make):
-    rig = wired(make)
-    rig.controller.post(FreedriveButton(True))
-    rig.tick(2)
-    assert rig.now.control_mode is ControlMode.TEACH
-    assert rig.now.robot_status_bits & RobotStatusBits.TEACH_BUTTON
-    rig.controller.post(FreedriveButton(False))
-    rig.seconds(1.0)
-    assert rig.now.control_mode is ControlMode.POSITION
-    assert not rig.now.robot_status_bits & RobotStatusBits.TEACH_BUTTON
 
 
 def test_jogging_waits_for_programs_to_end(make):

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 from controllers_rig import JOINTS, RATE_HZ, SCALING, Bench, point, started, trajectory
 
-from client.controllers.goals import ErrorCode, FollowJointTrajectory, GoalStatus, Tolerance
+from client.controllers.goals import ErrorCode, GoalStatus
 from client.controllers.joint_trajectory import Gains, Pid
 from client.errors import ControllerError, GoalRejectedError
 
@@ -84,20 +84,6 @@ def test_a_joint_off_its_path_aborts_and_holds():
     assert bench.q == pytest.approx(held)
 
 
-def test_being_late_at_the_goal_aborts_after_the_goal_time():
-    bench, jtc = started(**TOLERANCES)
-    goal = FollowJointTrajectory(
-        trajectory(point(1.0, 0.1, 0.1)), path_tolerance=dict.fromkeys(JOINTS, Tolerance(position=-1.0))
-    )
-    bench.joints.stuck.add("elbow_joint")
-    handle = jtc.send_goal(goal)
-    bench.run(1.4)
-    assert not handle.done
-    result = bench.until(handle)
-    assert result.error_code is ErrorCode.GOAL_TOLERANCE_VIOLATED
-    assert "goal_time_tolerance exceeding by 0.5" in result.error_string
-
-
 def test_without_a_goal_time_it_waits_for_ever():
     bench, jtc = started(constraints={"elbow_joint": {"goal": 0.05}})
     bench.joints.stuck.add("elbow_joint")
@@ -106,30 +92,6 @@ def test_without_a_goal_time_it_waits_for_ever():
     assert not handle.done
     bench.joints.stuck.clear()
     assert bench.until(handle, 0.1).error_code is ErrorCode.SUCCESSFUL
-
-
-@pytest.mark.parametrize("given", [-1.0, 0.0])
-def test_a_goal_time_of_minus_one_is_any_time_and_zero_the_controllers(given):
-    bench, jtc = started(**TOLERANCES)
-    bench.joints.stuck.add("elbow_joint")
-    anywhere = dict.fromkeys(JOINTS, Tolerance(position=-1.0))
-    goal = FollowJointTrajectory(trajectory(point(1.0, 0.1, 0.1)), path_tolerance=anywhere, goal_time_tolerance_s=given)
-    handle = jtc.send_goal(goal)
-    bench.run(10.0)
-    assert handle.done == (given == 0.0)
-
-
-def test_a_goals_tolerances_replace_the_controllers():
-    bench, jtc = started(**TOLERANCES)
-    tight = {"elbow_joint": Tolerance(position=0.01)}
-    handle = jtc.send_goal(FollowJointTrajectory(trajectory(point(2.0, 1.0, 1.0)), path_tolerance=tight))
-    bench.joints.stuck.add("elbow_joint")
-    bench.until(handle)
-    assert bench.q[0] < 0.05
-    with pytest.raises(GoalRejectedError, match=r"the path tolerance of elbow_joint is -0\.5"):
-        jtc.send_goal(
-            FollowJointTrajectory(trajectory(point(1.0, 0, 0)), path_tolerance={"elbow_joint": Tolerance(-0.5)})
-        )
 
 
 def test_the_stopped_velocity_counts_where_speeds_are_commanded():
@@ -146,14 +108,6 @@ def test_the_stopped_velocity_counts_where_speeds_are_commanded():
     bench.joints.states["elbow_joint/velocity"] = 0.01
     bench.cycle()
     assert handle.status is GoalStatus.SUCCEEDED
-
-
-def test_speed_commands_follow_by_the_pid_law():
-    gains = {joint: {"p": 10.0, "ff_velocity_scale": 1.0} for joint in JOINTS}
-    bench, jtc = started(command_interfaces=["velocity"], gains=gains)
-    bench.until(jtc.send_goal(trajectory(point(2.0, 1.0, -1.0, v=REST))))
-    bench.run(1.0)
-    assert bench.q == pytest.approx((1.0, -1.0), abs=0.01)
 
 
 def test_the_integral_is_clamped_so_that_it_turns_round_at_once():
@@ -188,22 +142,6 @@ def test_a_scaling_that_is_not_known_stays_what_it_was():
     bench.run(1.0)
     assert scaled.scaling == 0.5
     assert bench.q[0] == pytest.approx(0.5, abs=0.02)
-
-
-def test_cancel_holds_at_once_or_brakes():
-    for braking, beyond in (False, 0.0), (True, 0.5 / 2.0 / 2.0):
-        constraints = {"decelerate_on_cancel": braking} | {
-            joint: {"max_deceleration_on_cancel": 1.0} for joint in JOINTS
-        }
-        bench, jtc = started(constraints=constraints)
-        handle = jtc.send_goal(trajectory(point(2.0, 1.0, 1.0)))
-        bench.run(1.0)
-        stopped_at = bench.q[0]
-        jtc.cancel()
-        assert (handle.status, handle.result.error_code) == (GoalStatus.CANCELED, ErrorCode.SUCCESSFUL)
-        bench.run(2.0)
-        assert bench.q[0] - stopped_at == pytest.approx(beyond, abs=0.02)
-        assert bench.joints.states["elbow_joint/velocity"] == 0.0
 
 
 def test_braking_has_nothing_to_do_with_the_speed_of_a_path_that_no_arm_follows():
@@ -251,19 +189,6 @@ def test_braking_begins_at_the_scaled_speed_while_the_arm_is_still_faster():
     scaled.cancel()
     bench.run(3.0)
     assert bench.q[0] - begun_at == pytest.approx(0.5**2 / 2.0, abs=0.02)
-
-
-def test_a_new_goal_ends_the_old_one_and_begins_with_its_speed():
-    bench, jtc = started()
-    old = jtc.send_goal(trajectory(point(2.0, 2.0, 0.0), point(4.0, 4.0, 0.0)))
-    bench.run(1.0)
-    new = jtc.send_goal(trajectory(point(1.0, 1.0, 0.0, v=REST)))
-    assert (old.status, old.result.error_code) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL)
-    before = bench.q[0]
-    bench.cycle(2)
-    assert (bench.q[0] - before) / 2 * RATE_HZ == pytest.approx(1.0, abs=0.1)
-    bench.until(new)
-    assert bench.q == pytest.approx((1.0, 0.0), abs=1e-3)
 
 
 def test_goals_of_a_single_point_follow_each_other_without_a_jerk():
@@ -371,16 +296,6 @@ def test_from_the_desired_state_on_request():
         assert bench.joints.commands["elbow_joint/position"] == pytest.approx(there, abs=0.01)
 
 
-def test_feedback_reports_progress():
-    bench, jtc = started()
-    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0), point(2.0, 3.0, 1.0)))
-    bench.run(1.5)
-    feedback = handle.feedback
-    assert feedback.index == 1
-    assert feedback.desired.positions[0] == pytest.approx(2.0, abs=0.03)
-    assert jtc.progress == pytest.approx(0.75, abs=0.02)
-
-
 @pytest.mark.parametrize(
     ("wrong", "code", "words"),
     [
@@ -404,16 +319,6 @@ def test_what_is_not_taken(wrong, code, words):
         jtc.send_goal(wrong)
     assert caught.value.code is code
     assert bench.until(going).error_code is ErrorCode.SUCCESSFUL  # nothing is lost
-
-
-def test_an_inactive_controller_takes_no_goals_and_deactivation_aborts():
-    bench, jtc = started()
-    handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
-    bench.manager.deactivate("jtc")
-    assert handle.status is GoalStatus.ABORTED
-    assert "deactivate" in handle.result.error_string
-    with pytest.raises(ControllerError, match="activate it first"):
-        jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
 
 
 @pytest.mark.parametrize(
