@@ -207,6 +207,9 @@ class RobotApiService:
     execute: Callable[[BlockingRobotAPIClient, Any], tuple[str, Mapping[str, Any]]]
 
 
+_Perform = Callable[[Any], tuple[str, Mapping[str, Any]]]  # of a request: the message, and values of fields
+
+
 def _resume(api: BlockingRobotAPIClient, request: Any) -> tuple[str, Mapping[str, Any]]:
     api.request(robotapi.RESUME)
     return "the program resumes", {}
@@ -282,11 +285,10 @@ class DashboardNode:
         self._client: BlockingDashboardClient | None = None
         self._ended = threading.Event()
         self.node.create_service(Trigger, "~/connect", self._connect)
-        for service in (*SERVICES, *ROBOT_API_SERVICES):
-            kind = Trigger if service.type == "Trigger" else interface_if_any(f"ur_dashboard_msgs/srv/{service.type}")
-            serve = self._serve if isinstance(service, DashboardService) else self._serve_programs
-            if kind is not None:  # otherwise this distribution of ROS does not have it
-                self.node.create_service(kind, f"~/{service.name}", partial(serve, service))
+        for service in SERVICES:
+            self._offer(service.name, service.type, partial(self._perform, service))
+        for x_service in ROBOT_API_SERVICES:
+            self._offer(x_service.name, x_service.type, partial(self._call_robot_api, x_service))
         host.spin(self.node)
 
     def close(self) -> None:
@@ -297,27 +299,21 @@ class DashboardNode:
         self._host.close(self.node)
         self._disconnect()
 
+    def _offer(self, name: str, type_name: str, perform: _Perform) -> None:
+        kind = Trigger if type_name == "Trigger" else interface_if_any(f"ur_dashboard_msgs/srv/{type_name}")
+        if kind is not None:  # otherwise this distribution of ROS does not have it
+            self.node.create_service(kind, f"~/{name}", partial(self._serve, name, perform))
+
     # in the node's thread
 
-    def _serve(self, service: DashboardService, request: Any, response: Any) -> Any:
+    def _serve(self, name: str, perform: _Perform, request: Any, response: Any) -> Any:
         try:
-            line, answer = self._perform(service, request)
-            for path, value in service.values.items():
-                _set(response, path, value(answer))
-            success = True
-        except URError as error:
-            self.node.get_logger().error(f"{service.name}: {error}")
-            line, success = str(error), False
-        return _answered(response, success, line)
-
-    def _serve_programs(self, service: RobotApiService, request: Any, response: Any) -> Any:
-        try:
-            line, values = self._call_robot_api(service, request)
+            line, values = perform(request)
             for path, value in values.items():
                 _set(response, path, value)
             success = True
         except URError as error:
-            self.node.get_logger().error(f"{service.name}: {error}")
+            self.node.get_logger().error(f"{name}: {error}")
             line, success = str(error), False
         return _answered(response, success, line)
 
@@ -342,8 +338,8 @@ class DashboardNode:
         self._autoconnect = True
         return _answered(response, True, f"{self._server_name} is connected")
 
-    def _perform(self, service: DashboardService, request: Any) -> "tuple[str, Any]":
-        """The robot's line and its meaning, once the effect shows."""
+    def _perform(self, service: DashboardService, request: Any) -> tuple[str, Mapping[str, Any]]:
+        """The robot's line and the values of the response, once the effect shows."""
         operation = service.operation(request)
         both = replace(operation, read=lambda reply: (reply, operation.read(reply)))
         line, answer = self._request(both)
@@ -352,7 +348,7 @@ class DashboardNode:
         if service.parts:
             self._autoconnect = False
             self._disconnect()
-        return line, answer
+        return line, {path: value(answer) for path, value in service.values.items()}
 
     def _await_effect(self, effect: Effect, command: Operation[Any], request: Any) -> None:
         since = sent = time.monotonic()
