@@ -12,11 +12,12 @@ from urscript.polyscope.forms import (
     child_number,
     expression_field,
     feature_field,
+    of_type,
     pin_field,
 )
 from urscript.polyscope.naming import truth
 from urscript.polyscope.nodes.motion import DIRECTION, move_of
-from urscript.polyscope.nodes.waits import analog_condition, child_text, of_type
+from urscript.polyscope.nodes.waits import analog_condition, child_text
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.surroundings import DIGITAL_INPUTS, FEATURE_TITLES, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_reading
@@ -34,6 +35,7 @@ _EXPRESSION: Final = "expression"
 _FAR: Final = "1000.0"  # m; PolyScope moves this far when there is no distance
 _NO_RETRACTION: Final = "NONE"
 _BLEND: Final = "BLEND"
+_ENDS: Final = {"STOP": "Stop", _BLEND: "Blend"}
 _RETREAT_SPEED: Final = "0.1"  # m/s
 _FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name, because other lines of programs call it
 _UNTILS: Final = {
@@ -68,8 +70,7 @@ def _direction_shown(element: Element) -> str:
     around: Element | None = element
     while around is not None and around.child("feature") is None:
         around = around.parent
-    feature = around.child("feature") if around is not None else None
-    name = (feature.get("referencedName") or feature.get("featureName")) if feature else ""
+    name = around.named("feature") if around is not None else ""
     axis = "" if _by_expression(element) else _AXES.get(element.get("selectedDirection"), ("?",))[0]
     return f"Direction: {FEATURE_TITLES.get(name, name) or 'Base'} {axis}".rstrip()
 
@@ -286,13 +287,13 @@ UNTIL: Final = Kind(
     contains="nodes",
     undefined=_until_lacks,
     fields=(
-        Field("type", "Until", "choice", lambda e, _: e.get("type"), _choose_until, choices=tuple(_UNTILS.items())),
+        attribute_choice("type", "Until", "type", _UNTILS, _choose_until),
         child_number("distance", "Distance", "Distance", unit="mm", factor=MILLI, low=0.0, shown=of_type("DISTANCE")),
         attribute_choice(
             "distance_end",
             "At the end",
             "distanceNodeType",
-            {"STOP": "Stop", _BLEND: "Blend"},
+            _ENDS,
             shown=of_type("DISTANCE"),
         ),
         expression_field("expression", "Expression", shown=of_type("EXPRESSION")),
@@ -308,13 +309,7 @@ UNTIL: Final = Kind(
             shown=of_type("TOOL_CONTACT_DETECTION", "EXPRESSION", "IO"),
             optional=True,
         ),
-        Field(
-            "actions",
-            "Add action",
-            "boolean",
-            lambda element, _: element.get("allowActions") == "true",
-            _allow_actions,
-        ),
+        Field("actions", "Add action", "boolean", lambda e, _: e.get("allowActions") == "true", _allow_actions),
     ),
 )
 

@@ -10,6 +10,7 @@ from urscript.polyscope.forms import (
     attribute_choice,
     attribute_text,
     expression_field,
+    having,
     variable_field,
 )
 from urscript.polyscope.naming import quoted
@@ -27,8 +28,7 @@ def variable_shown(element: Element | None) -> str:
     return (element.get("name") or element.get("featureName") if element else "") or "?"
 
 
-def _asks_for_variable(element: Element) -> bool:
-    return element.get("inputType") == "Variable"
+_asks_for_variable: Final = having("inputType", "Variable")
 
 
 def _choose_input(element: Element, value: str, program: Surroundings) -> None:
@@ -91,8 +91,7 @@ def halt(writer: Writer, element: Element) -> None:
     writer.line("halt")
 
 
-def _of_operator(element: Element) -> bool:
-    return element.get("valueSource") == "Operator"
+_of_operator: Final = having("valueSource", "Operator")
 
 
 def _choose_source(element: Element, value: str, program: Surroundings) -> None:
@@ -128,14 +127,7 @@ ASSIGNMENT: Final = Kind(
     undefined=_assignment_lacks,
     fields=(
         variable_field("variable", "Variable"),
-        Field(
-            "source",
-            "Source",
-            "choice",
-            lambda element, _: element.get("valueSource"),
-            _choose_source,
-            choices=tuple(_SOURCES.items()),
-        ),
+        attribute_choice("source", "Source", "valueSource", _SOURCES, _choose_source),
         expression_field("expression", "Expression", shown=lambda element: not _of_operator(element)),
         attribute_text("message", "Question", "message", shown=_of_operator),
         attribute_choice("answer", "Answer", "valueType", _ANSWERS, shown=_of_operator),

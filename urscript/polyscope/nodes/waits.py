@@ -1,12 +1,11 @@
 """Waiting."""
 
 import re
-from collections.abc import Callable
 from typing import Any, Final
 
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.expressions import expression_shown, lacks_expression
-from urscript.polyscope.forms import Field, child_number, expression_field, pin_field, titled
+from urscript.polyscope.forms import Field, attribute_choice, child_number, expression_field, of_type, pin_field, titled
 from urscript.polyscope.naming import truth
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import ANALOG_INPUTS, DIGITAL_INPUTS, Surroundings
@@ -37,15 +36,9 @@ def level_field(key: str = "level", title: str = "Level", tag: str = "digitalVal
     return Field(key, title, "choice", read, write, choices=tuple(_LEVELS.items()), **more)
 
 
-def of_type(*types: str) -> Callable[[Element], bool]:
-    """Whether a node's attribute ``type`` is one of these."""
-    return lambda element: element.get("type") in types
-
-
 def pin_shown(element: Element) -> str:
     """The name of a node's pin as shown in the tree: DO[0] for digital_out[0] (seen; the same for others: a guess)."""
-    pin = element.child("pin")
-    name = (pin.get("referencedName") if pin else "") or "?"
+    name = element.named("pin") or "?"
     return _SHORT.sub(lambda match: f"{match[1][0]}{match[2][0]}[".upper(), name)
 
 
@@ -97,7 +90,7 @@ WAIT: Final = Kind(
     new=lambda _: make("Wait", type="NoWait"),
     undefined=_lacks,
     fields=(
-        Field("type", "Wait for", "choice", lambda e, _: e.get("type"), _choose, choices=tuple(_WAITS.items())),
+        attribute_choice("type", "Wait for", "type", _WAITS, _choose),
         child_number("time", "Time", "waitTime", unit="s", low=0.0, shown=of_type("Sleep")),
         pin_field("input", "Input", DIGITAL_INPUTS, shown=of_type("DigitalInput")),
         level_field(shown=of_type("DigitalInput")),
