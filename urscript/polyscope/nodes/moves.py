@@ -146,9 +146,7 @@ HOME: Final = Kind(
     fields=(
         attribute_choice("option", "Move by", _BY, {_BY_SPEED: "Speed and acceleration", _BY_TIME: "Time"}),
         *speed_fields("joint", "Joint", ("speed", "acceleration"), having(_BY, _BY_SPEED)),
-        attribute_number(
-            "time", "Time", "nextMotionTime", unit="s", low=0.0, shown=having(_BY, _BY_TIME)
-        ),
+        attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=having(_BY, _BY_TIME)),
     ),
 )
 
