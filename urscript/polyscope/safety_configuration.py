@@ -153,49 +153,24 @@ class SafetyConfiguration:
         return zlib.crc32(repr(replace(self, inputs=dict(self.inputs), outputs=dict(self.outputs))).encode()) or 1
 
 
+LIMITS: Final[Mapping[str, tuple[str, str]]] = {  # attribute of a LimitSet -> title and unit
+    "tcp_speed": ("TCP speed", "m/s"),
+    "force": ("TCP force", "N"),
+    "power": ("Power", "W"),
+    "momentum": ("Momentum", "kg m/s"),
+    "elbow_speed": ("Elbow speed", "m/s"),
+    "elbow_force": ("Elbow force", "N"),
+    "stopping_time": ("Stopping time", "s"),
+    "stopping_distance": ("Stopping distance", "m"),
+}
+_PRESETS: Final = {  # in the order of LIMITS
+    "least restricted": (5.0, 250.0, 1000.0, 100.0, 5.0, 250.0, 1.0, 4.0),
+    "default": (1.5, 150.0, 300.0, 25.0, 1.5, 150.0, 0.4, 0.5),
+    "restricted": (0.75, 120.0, 200.0, 10.0, 0.75, 120.0, 0.3, 0.3),
+    "very restricted": (0.25, 100.0, 80.0, 5.0, 0.25, 100.0, 0.2, 0.2),
+}
 PRESETS: Final[Mapping[str, LimitSet]] = MappingProxyType(
-    {
-        "least restricted": LimitSet(
-            tcp_speed=5.0,
-            force=250.0,
-            power=1000.0,
-            momentum=100.0,
-            elbow_speed=5.0,
-            elbow_force=250.0,
-            stopping_time=1.0,
-            stopping_distance=4.0,
-        ),
-        "default": LimitSet(
-            tcp_speed=1.5,
-            force=150.0,
-            power=300.0,
-            momentum=25.0,
-            elbow_speed=1.5,
-            elbow_force=150.0,
-            stopping_time=0.4,
-            stopping_distance=0.5,
-        ),
-        "restricted": LimitSet(
-            tcp_speed=0.75,
-            force=120.0,
-            power=200.0,
-            momentum=10.0,
-            elbow_speed=0.75,
-            elbow_force=120.0,
-            stopping_time=0.3,
-            stopping_distance=0.3,
-        ),
-        "very restricted": LimitSet(
-            tcp_speed=0.25,
-            force=100.0,
-            power=80.0,
-            momentum=5.0,
-            elbow_speed=0.25,
-            elbow_force=100.0,
-            stopping_time=0.2,
-            stopping_distance=0.2,
-        ),
-    }
+    {name: LimitSet(**dict(zip(LIMITS, values, strict=True))) for name, values in _PRESETS.items()}
 )
 
 # User manuals of both series: fixed limits of recovery mode; position limits do not count there

@@ -30,7 +30,7 @@ from urscript.polyscope.nodes.motion import (
     speed_fields,
 )
 from urscript.polyscope.nodes.operator import variable_shown
-from urscript.polyscope.numbers import double_text, inverse_text, list_text, pose_text, six, taught_pose
+from urscript.polyscope.numbers import doubles_text, inverse_text, list_text, pose_text, six, taught_pose
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
@@ -198,7 +198,7 @@ def teach(
 def _six_text(values: Sequence[float]) -> str:
     if len(values) != 6 or not all(math.isfinite(value) for value in values):
         raise FieldError(f"expected six numbers, not {list(values)}")
-    return ", ".join(double_text(value) for value in values)
+    return doubles_text(values)
 
 
 def _taught_feature(element: Element, program: Surroundings) -> Sequence[float]:
