@@ -36,6 +36,7 @@ class Robot:
         self.unavailable: frozenset[str] = frozenset()
         self.connected = True
         self.core = SimpleNamespace(state=None)
+        self.emulator = SimpleNamespace(available=False)
         self.log = EventLog()
 
     async def write(self, **inputs: Any) -> None:

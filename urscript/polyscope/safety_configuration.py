@@ -69,7 +69,7 @@ class SafetyOutput(Enum):
     SAFE_HOME = "safeHomeOutput"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class LimitSet:
     """Limits of one safety mode [m/s, N, W, kg m/s, s, m; joints rad/s and rad]; infinite if the series lacks one."""
 
@@ -163,14 +163,14 @@ LIMITS: Final[Mapping[str, tuple[str, str]]] = {  # attribute of a LimitSet -> t
     "stopping_time": ("Stopping time", "s"),
     "stopping_distance": ("Stopping distance", "m"),
 }
-_PRESETS: Final = {  # in the order of LIMITS
+_PRESETS: Final = {  # in the order of a LimitSet
     "least restricted": (5.0, 250.0, 1000.0, 100.0, 5.0, 250.0, 1.0, 4.0),
     "default": (1.5, 150.0, 300.0, 25.0, 1.5, 150.0, 0.4, 0.5),
     "restricted": (0.75, 120.0, 200.0, 10.0, 0.75, 120.0, 0.3, 0.3),
     "very restricted": (0.25, 100.0, 80.0, 5.0, 0.25, 100.0, 0.2, 0.2),
 }
 PRESETS: Final[Mapping[str, LimitSet]] = MappingProxyType(
-    {name: LimitSet(**dict(zip(LIMITS, values, strict=True))) for name, values in _PRESETS.items()}
+    {name: LimitSet(*values) for name, values in _PRESETS.items()}
 )
 
 # User manuals of both series: fixed limits of recovery mode; position limits do not count there

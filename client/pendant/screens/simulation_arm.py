@@ -8,6 +8,7 @@ from typing import Any, Final
 from nicegui import events, ui
 
 from client.pendant.page import Page
+from client.pendant.screens.payload import entered_payload, payload_fields
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 from urproto.robots import START_Q
@@ -65,12 +66,11 @@ def _payload_form(page: Page) -> None:
     ui.label("Payload on the flange").classes("panel-title")
     page.live.text(_mounted_text, "sim-text").props("data-testid=mounted")
     with ui.element("div").classes("sim-four"):
-        mass = number_field("Mass", "kg", "mount-mass", format_="%.3f")
-        cog = [number_field(f"C{axis}", "mm", f"mount-c{axis.lower()}") for axis in "XYZ"]
+        fields = payload_fields("mount")
 
     async def mount() -> None:
-        mass_kg, *cog_mm = read_numbers([mass, *cog], "The payload")
-        await station.emulator.change("mount_payload", mass_kg=mass_kg, cog_m=[value / _MM for value in cog_mm])
+        mass_kg, cog_m = entered_payload(fields)
+        await station.emulator.change("mount_payload", mass_kg=mass_kg, cog_m=cog_m)
 
     with ui.element("div").classes("sim-row"):
         ui.button("Mount", on_click=page.handler(mount)).props("unelevated no-caps data-testid=mount")
@@ -80,8 +80,7 @@ def _payload_form(page: Page) -> None:
 
 
 def _mounted_text(station: Station) -> str:
-    world = station.emulator.watch("world").value if station.emulator.available else None
-    payload = None if world is None else world["payload"]
+    payload = (station.emulator.read("world") or {}).get("payload")
     if payload is None:
         return "The mounted payload is the one that programs set."
     cog = ", ".join(f"{_MM * value:.1f}" for value in payload["cog_m"])
