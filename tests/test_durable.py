@@ -22,7 +22,7 @@ from client.calibration import read_calibration, write_calibration
 from client.cli import app
 from client.decoding.packets import SocketAddress
 from client.errors import ClientError
-from client.identification.armfile import write_arm
+from client.identification.identify import write_arm
 from client.lerobot import write_dataset
 from client.pendant.program_file import ProgramFile, SavedDraft
 from client.pendant.saved import Poses

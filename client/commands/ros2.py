@@ -13,6 +13,7 @@ from client.commands.control import ControllersOption, Headless, MakeReady, anno
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
+from urproto.ports import CAMERA_PORT
 
 if TYPE_CHECKING:
     from client.ros2.driver import DriverOptions
@@ -50,7 +51,7 @@ def ros2_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Run the ROS 2 driver: nodes, topics, services and actions as in ur_robot_driver. See docs/ros2.md."""
-    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate)
+    cameras = CameraOptions(robot_ip, camera_port or CAMERA_PORT + port_offset, camera or (), camera_rate)
     prepare()
     if setup:
         return

@@ -190,8 +190,6 @@ def checked_name(name: str, subject: str) -> str:
 
 def write_json(path: Path, content: Any) -> None:
     """Replace a file atomically. Raises FileError."""
-    try:
+    with FileError.accessing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, json.dumps(content, indent=1) + "\n")
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error

@@ -5,7 +5,7 @@ m/s, rad/s), and does not touch the file when the shown value is unchanged.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
@@ -223,6 +223,34 @@ def attribute_choice(
 
     shown = tuple(choices.items())
     return Field(key, title, "choice", lambda e, _: e.get(attribute), choose or write, choices=shown, **more)
+
+
+def parts_choice(
+    key: str,
+    title: str,
+    attribute: str,
+    choices: dict[str, str],
+    parts: Mapping[str, Sequence[Element]],
+    attributes: Mapping[str, Mapping[str, str]] | None = None,
+    keep: Sequence[str] = (),
+) -> Field:
+    """A choice on which the children of a node depend. parts: those that files have for each value, as they are at
+    first. attributes: the same, if attributes depend on it as well. keep: what does not depend on it."""
+
+    def choose(element: Element, value: str, program: Surroundings) -> None:
+        for child in list(element.resolved().children):
+            if child.tag not in keep:
+                program.set_child(element, child.tag, None)
+        for name in list(element.resolved().attributes) if attributes is not None else ():
+            if name not in (attribute, *keep):
+                program.set_attribute(element, name, None)
+        program.set_attribute(element, attribute, value)
+        for name, given in (attributes or {}).get(value, {}).items():
+            program.set_attribute(element, name, given)
+        for part in parts.get(value, ()):
+            program.set_child(element, part.tag, make(part.tag, text=part.text, **part.attributes))
+
+    return attribute_choice(key, title, attribute, choices, choose)
 
 
 def attribute_boolean(

@@ -13,6 +13,7 @@ from urscript.polyscope.forms import (
     expression_field,
     feature_field,
     of_type,
+    parts_choice,
     pin_field,
 )
 from urscript.polyscope.naming import truth
@@ -50,6 +51,10 @@ _ATTRIBUTES: Final = {
     "TOOL_CONTACT_DETECTION": {"retraction": "0.0", **_STOP},
     "EXPRESSION": _STOP,  # guess: no public file has one
     "IO": {"ioType": "DIGITAL_INPUT", "digitalValue": "1", **_STOP},  # guess, as well
+}
+_PARTS: Final = {
+    "DISTANCE": [make("Distance", text="0.1"), make("motionParameters", blendRadius="0.0")],
+    "EXPRESSION": [make("expression")],
 }
 
 
@@ -243,23 +248,6 @@ def _new_until(_: Surroundings) -> Element:
     return make("Until", type="NONE", allowActions="false")
 
 
-def _choose_until(element: Element, value: str, program: Surroundings) -> None:
-    """Choose another end condition, with the attributes and children that files have for it."""
-    kept = ("type", "allowActions")
-    for name in [name for name in element.resolved().attributes if name not in kept]:
-        program.set_attribute(element, name, None)
-    program.set_attribute(element, "type", value)
-    for name, default in _ATTRIBUTES.get(value, {}).items():
-        program.set_attribute(element, name, default)
-    for tag in ("Distance", "motionParameters", "pin", "expression"):
-        program.set_child(element, tag, None)
-    if value == "DISTANCE":
-        program.set_text(element, "Distance", "0.1")
-        program.set_child(element, "motionParameters", make("motionParameters", blendRadius="0.0"))
-    elif value == "EXPRESSION":
-        program.set_child(element, "expression", make("expression"))
-
-
 def _allow_actions(element: Element, value: bool, program: Surroundings) -> None:
     program.set_attribute(element, "allowActions", "true" if value else "false")
     if element.child("children") is None and value:
@@ -287,15 +275,9 @@ UNTIL: Final = Kind(
     contains="nodes",
     undefined=_until_lacks,
     fields=(
-        attribute_choice("type", "Until", "type", _UNTILS, _choose_until),
+        parts_choice("type", "Until", "type", _UNTILS, _PARTS, _ATTRIBUTES, ["allowActions", "children"]),
         child_number("distance", "Distance", "Distance", unit="mm", factor=MILLI, low=0.0, shown=of_type("DISTANCE")),
-        attribute_choice(
-            "distance_end",
-            "At the end",
-            "distanceNodeType",
-            _ENDS,
-            shown=of_type("DISTANCE"),
-        ),
+        attribute_choice("distance_end", "At the end", "distanceNodeType", _ENDS, shown=of_type("DISTANCE")),
         expression_field("expression", "Expression", shown=of_type("EXPRESSION")),
         pin_field("input", "Input", DIGITAL_INPUTS, shown=of_type("IO")),
         attribute_choice("level", "Level", "digitalValue", {"1": "High", "0": "Low"}, shown=of_type("IO")),

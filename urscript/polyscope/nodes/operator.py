@@ -11,6 +11,7 @@ from urscript.polyscope.forms import (
     attribute_text,
     expression_field,
     having,
+    parts_choice,
     variable_field,
 )
 from urscript.polyscope.naming import quoted
@@ -94,14 +95,6 @@ def halt(writer: Writer, element: Element) -> None:
 _of_operator: Final = having("valueSource", "Operator")
 
 
-def _choose_source(element: Element, value: str, program: Surroundings) -> None:
-    operator = value == "Operator"
-    program.set_attribute(element, "valueSource", value)
-    program.set_attribute(element, "message", "" if operator else None)
-    program.set_attribute(element, "valueType", "Boolean" if operator else None)
-    program.set_child(element, "expression", None if operator else make("expression"))
-
-
 def _new_assignment(program: Surroundings) -> Element:
     variable = program.variable(program.unused("var", program.variables()))
     return make("Assignment", variable, make("expression"), valueSource="Expression")
@@ -127,7 +120,15 @@ ASSIGNMENT: Final = Kind(
     undefined=_assignment_lacks,
     fields=(
         variable_field("variable", "Variable"),
-        attribute_choice("source", "Source", "valueSource", _SOURCES, _choose_source),
+        parts_choice(
+            "source",
+            "Source",
+            "valueSource",
+            _SOURCES,
+            {"Expression": [make("expression")]},
+            {"Operator": {"message": "", "valueType": "Boolean"}},
+            ["variable"],
+        ),
         expression_field("expression", "Expression", shown=lambda element: not _of_operator(element)),
         attribute_text("message", "Question", "message", shown=_of_operator),
         attribute_choice("answer", "Answer", "valueType", _ANSWERS, shown=_of_operator),

@@ -8,12 +8,12 @@ from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import (
     Field,
     attribute_boolean,
-    attribute_choice,
     attribute_number,
     child_number,
     expression_field,
     in_child,
     of_type,
+    parts_choice,
     pin_field,
 )
 from urscript.polyscope.naming import truth
@@ -35,28 +35,12 @@ _ACTIONS: Final = {
     "ExpressionOutput": "An output to an expression",
     _PULSE: "A single pulse",
 }
-_PARTS: Final = {  # the children that files have for each type
-    "DigitalOutput": ("pin", "digitalValue"),
-    "AnalogOutput": ("pin", "analogValue"),
-    "ExpressionOutput": ("pin", "expression"),
-    _PULSE: (_PULSE,),
+_PARTS: Final = {
+    "DigitalOutput": [make("digitalValue", text="1")],
+    "AnalogOutput": [make("analogValue", text="0.0")],
+    "ExpressionOutput": [make("expression")],
+    _PULSE: [make(_PULSE, hiPulseInSeconds="0.5")],
 }
-
-
-def _choose(element: Element, value: str, program: Surroundings) -> None:
-    for child in list(element.resolved().children):
-        if child.tag != "tcp":
-            program.set_child(element, child.tag, None)
-    program.set_attribute(element, "type", value)
-    parts = _PARTS.get(value, ())
-    if "digitalValue" in parts:
-        program.set_text(element, "digitalValue", "1")
-    if "analogValue" in parts:
-        program.set_text(element, "analogValue", "0.0")
-    if "expression" in parts:
-        program.set_child(element, "expression", make("expression"))
-    if _PULSE in parts:
-        program.set_child(element, _PULSE, make(_PULSE, hiPulseInSeconds="0.5"))
 
 
 def tcp_names(program: Surroundings) -> list[str]:
@@ -98,7 +82,7 @@ SET: Final = Kind(
     new=lambda _: make("Set", type="NoAction"),
     undefined=_set_lacks,
     fields=(
-        attribute_choice("type", "Set", "type", _ACTIONS, _choose),
+        parts_choice("type", "Set", "type", _ACTIONS, _PARTS, keep=["tcp"]),
         pin_field("output", "Output", DIGITAL_OUTPUTS, shown=of_type("DigitalOutput")),
         level_field(shown=of_type("DigitalOutput")),
         pin_field("analog_output", "Output", ANALOG_OUTPUTS, shown=of_type("AnalogOutput")),
@@ -185,6 +169,12 @@ def _pulse(writer: Writer, element: Element) -> None:
     writer.line(f"singlePulse{name} = run SinglePulse{name}()")
 
 
+def _choose_payload(element: Element, value: str, program: Surroundings) -> None:
+    if value not in program.installation.payloads:
+        raise FieldError(f"the installation {program.installation.name} has no payload called {value!r}")
+    program.set_attribute(element, "workpieceName", value)
+
+
 SET_PAYLOAD: Final = Kind(
     "set_payload",
     "Set Payload",
@@ -199,17 +189,11 @@ SET_PAYLOAD: Final = Kind(
             "Payload",
             "payload",
             lambda element, _: element.get("workpieceName"),
-            lambda element, value, program: _choose_payload(element, value, program),
+            _choose_payload,
             options=lambda program: sorted(program.installation.payloads),
         ),
     ),
 )
-
-
-def _choose_payload(element: Element, value: str, program: Surroundings) -> None:
-    if value not in program.installation.payloads:
-        raise FieldError(f"the installation {program.installation.name} has no payload called {value!r}")
-    program.set_attribute(element, "workpieceName", value)
 
 
 @node("SetPayload", SET_PAYLOAD)

@@ -5,7 +5,7 @@ from typing import Final
 from urproto.text import lines
 from urscript.polyscope.document import DocumentError, Element, make, sharing
 from urscript.polyscope.expressions import expression_shown, lacks_expression
-from urscript.polyscope.forms import Field, attribute_boolean, attribute_choice, expression_field, node_name, of_type
+from urscript.polyscope.forms import Field, attribute_boolean, expression_field, node_name, of_type, parts_choice
 from urscript.polyscope.naming import identifier
 from urscript.polyscope.nodes.waits import child_text
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
@@ -36,14 +36,6 @@ SUBPROGRAM: Final = Kind(
 )
 
 
-def _choose_type(element: Element, value: str, program: Surroundings) -> None:
-    for child in list(element.resolved().children):
-        program.set_child(element, child.tag, None)
-    program.set_attribute(element, "type", value)
-    if value == "Line":
-        program.set_child(element, "expression", make("expression"))
-
-
 def _choose_file(element: Element, value: str, program: Surroundings) -> None:
     """Set the script file; like PolyScope, this also copies its text into the program."""
     program.set_text(element, "file", value)
@@ -72,7 +64,7 @@ SCRIPT: Final = Kind(
     new=lambda _: make("Script", make("expression"), type="Line"),
     undefined=_script_lacks,
     fields=(
-        attribute_choice("type", "Script", "type", {"Line": "Line", "File": "File"}, _choose_type),
+        parts_choice("type", "Script", "type", {"Line": "Line", "File": "File"}, {"Line": [make("expression")]}),
         expression_field("line", "Line", shown=of_type("Line")),
         Field(
             "file",
