@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 from nicegui import background_tasks, ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
 from nicegui.elements.mixins.value_element import ValueElement
+from nicegui.events import UploadEventArguments
 
 from client import dashboard
 from client.errors import ClientError
@@ -308,6 +309,24 @@ class Page:
         """Show an element only while a condition is true."""
         element.set_visibility(read(self.station))
         self.live.effect(read, element.set_visibility)
+
+    def picker(
+        self, accept: str, test_id: str, use: Callable[[bytes, str], object], what: str, max_mb: int = 2, done: str = ""
+    ) -> Callable[[], object]:
+        """A hidden field for a file of the browser's machine. Returns the function that lets the user choose one.
+
+        use: called with the content and the name of the file. what: the kind of file, as the subject of a sentence.
+        """
+
+        async def read(upload: UploadEventArguments) -> None:
+            content = await upload.file.read()
+            await self.attempt(lambda: use(content, upload.file.name), done)
+            field.reset()
+
+        field = ui.upload(on_upload=read, auto_upload=True, max_file_size=max_mb * 1_000_000).classes("hidden")
+        field.on("rejected", lambda: self.show_error(f"{what} has at most {max_mb} MB"))
+        field.props(f'accept="{accept}" data-testid={test_id}')
+        return lambda: field.run_method("pickFiles")
 
     @contextmanager
     def panel(self, title: str, classes: str = "") -> Iterator[ui.card]:

@@ -7,12 +7,12 @@ from nicegui import ui
 
 from client import dashboard
 from client.dashboard_commands import Operation
+from client.pendant.events import report_text
 from client.pendant.page import Page
 from client.pendant.readings import UNKNOWN, ReadText, board_text, field_text, field_value, mode_text
 from client.pendant.screens.payload import payload_form
 from client.pendant.situation import STAGES, Action, Tone
 from client.pendant.station import Station
-from urproto.errorcodes import error_text
 from urproto.joints import JOINT_TITLES
 from urproto.modes import JointMode, ReportLevel, SafetyMode, SafetyStatusBits, ToolMode
 from urproto.primary.messages import ErrorCodeMessage
@@ -65,9 +65,7 @@ def stop_cause(station: Station) -> str:
         report = None if stop is None else stop.cause
     else:
         report = _last_serious_error(station) if station.situation.recovery_action is Action.RESTART_SAFETY else None
-    if report is None:
-        return ""
-    return f"{report.label}: {report.text.strip() or error_text(report.code, report.argument)}"
+    return "" if report is None else f"{report.label}: {report_text(report)}"
 
 
 def _last_serious_error(station: Station) -> ErrorCodeMessage | None:

@@ -117,7 +117,7 @@ class _Editor:
 
     def _saved(self) -> dict[str, Pose]:
         try:
-            return dict(self._page.station.tools.all)
+            return dict(self._page.station.tools.content)
         except FileError as error:
             self._page.show_error(str(error))
             return {}

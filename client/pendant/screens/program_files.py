@@ -3,12 +3,10 @@
 from collections.abc import Callable
 from pathlib import PurePosixPath
 
-from nicegui import events, ui
+from nicegui import ui
 
 from client.pendant import program_playback as playback
 from client.pendant.page import Page
-
-_MAX_BYTES = 2_000_000
 
 
 class FileButtons:
@@ -31,11 +29,7 @@ class FileButtons:
                 ),
             )
         button("Download", "download", page.handler(self.download), "program-download")
-        self._picker = ui.upload(on_upload=self._on_upload, auto_upload=True, max_file_size=_MAX_BYTES).classes(
-            "hidden"
-        )
-        self._picker.on("rejected", lambda: page.show_error("a program has at most 2 MB"))
-        self._picker.props('accept=".urp" data-testid=program-file')
+        self._pick = page.picker(".urp", "program-file", self._open_uploaded, "a program")
 
     async def _confirm_replacing(self) -> bool:
         """Whether the program may be replaced; the user is asked if changes would be lost."""
@@ -56,7 +50,7 @@ class FileButtons:
         if not await self._confirm_replacing():
             return
         if not playback.can_save_files(page.station):
-            self._picker.run_method("pickFiles")
+            self._pick()
             return
         names = [name for name in await page.station.programs.files(page.station) if name.endswith(playback.EXTENSION)]
         choice = await page.choose(
@@ -65,12 +59,10 @@ class FileButtons:
         if choice:
             await playback.open_file(page.station, choice)
         elif choice == "":
-            self._picker.run_method("pickFiles")
+            self._pick()
 
-    async def _on_upload(self, upload: events.UploadEventArguments) -> None:
-        data, name = await upload.file.read(), PurePosixPath(upload.file.name).name
-        await self._page.attempt(lambda: self._draft.open(data, name))
-        self._picker.reset()
+    def _open_uploaded(self, data: bytes, name: str) -> None:
+        self._draft.open(data, PurePosixPath(name).name)
 
     async def save(self) -> None:
         """Save under the present name, or under one that the user enters."""
