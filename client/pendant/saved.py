@@ -11,6 +11,7 @@ from urproto.durable import write_file
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 from urproto.text import json_document
+from urproto.vectors import as_six
 
 _QUARTER_TURN: Final = 1.5707963267948966
 BUILT_IN: Final[Mapping[str, Joints]] = {
@@ -149,8 +150,7 @@ def _six(values: Any, required: str) -> Joints:
     """Six numbers. Raises ValueError, which says what is required, for anything else."""
     if not isinstance(values, Sequence) or len(values) != 6 or not all(map(_is_number, values)):
         raise ValueError(f"{required}, not {values!r}")
-    a, b, c, d, e, f = map(float, values)
-    return (a, b, c, d, e, f)
+    return as_six(values)
 
 
 def _is_number(value: Any) -> bool:
