@@ -1,13 +1,14 @@
 """The program that is loaded and running, and its text as far as it is known."""
 
 import asyncio
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol, TypeVar
 
 from client import dashboard
 from client.pendant.draft import Draft
-from client.pendant.emulator_control import EmulatorControlError
+from client.pendant.emulator_control import EmulatorControl, EmulatorControlError
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.modes import RuntimeState
@@ -20,8 +21,7 @@ from urproto.primary.messages import (
 )
 from urscript.polyscope.outline import OutlineNode
 
-if TYPE_CHECKING:
-    from client.pendant.station import Station
+Answer = TypeVar("Answer")
 
 _POLL_PERIOD_S: Final = 1.0
 _LOADED_PERIOD_S: Final = 5.0  # each query opens a connection to the dashboard, of which robots allow few
@@ -38,6 +38,22 @@ class ShownProgram:
 
 
 NOTHING_SHOWN: Final = ShownProgram()
+
+
+class Robot(Protocol):
+    """The part of `client.pendant.station.Station` that `Programs` needs."""
+
+    values: Mapping[str, Any]
+    unavailable: frozenset[str]
+    connected: bool
+    emulator: EmulatorControl
+
+    @property
+    def runtime_state(self) -> RuntimeState:
+        """State of the program."""
+
+    async def request(self, operation: dashboard.Operation[Answer]) -> Answer:
+        """Send a request to the dashboard."""
 
 
 class Programs:
@@ -83,19 +99,19 @@ class Programs:
             return None
         return max(0.0, (now_s if self._stopped_s is None else self._stopped_s) - self._started_s)
 
-    def current_line(self, station: "Station") -> int:
+    def current_line(self, station: Robot) -> int:
         """Line of the shown script that is being executed, 0 if unknown."""
         if not self.shown.running or station.runtime_state is RuntimeState.STOPPED:
             return 0
         return int(station.values.get(_LINE_FIELD, 0))
 
-    def reports_line(self, station: "Station") -> bool:
+    def reports_line(self, station: Robot) -> bool:
         """Whether the robot's software reports the line."""
         return _LINE_FIELD not in station.unavailable
 
     # queries
 
-    async def follow(self, station: "Station") -> None:
+    async def follow(self, station: Robot) -> None:
         """Query the program after each event, and the loaded program regularly, forever."""
         queried_s, emulated = -_LOADED_PERIOD_S, None
         clock = asyncio.get_running_loop().time
@@ -113,13 +129,13 @@ class Programs:
                 async with timeout(_POLL_PERIOD_S):
                     await self._changed.wait()
 
-    async def _query_loaded(self, station: "Station") -> None:
+    async def _query_loaded(self, station: Robot) -> None:
         loaded = await station.request(dashboard.LOADED_PROGRAM)
         if loaded != self.loaded:
             self.loaded = loaded
             self.refresh()
 
-    async def _update_shown(self, station: "Station") -> bool:
+    async def _update_shown(self, station: Robot) -> bool:
         try:
             self.shown = await self._find_shown(station)
         except (EmulatorControlError, KeyError, TypeError):  # disconnected, or an emulator of another version
@@ -127,7 +143,7 @@ class Programs:
             return False
         return True
 
-    async def _find_shown(self, station: "Station") -> ShownProgram:
+    async def _find_shown(self, station: Robot) -> ShownProgram:
         if "program" in station.emulator.verbs and station.emulator.available:
             return _parse_shown(await station.emulator.call("program"))
         script = self.draft.script
@@ -135,7 +151,7 @@ class Programs:
             return ShownProgram(script.text, running=self.draft.phase == "running")
         return NOTHING_SHOWN
 
-    async def files(self, station: "Station") -> list[str]:
+    async def files(self, station: Robot) -> list[str]:
         """Programs that can be loaded. Raises ClientError: robots do not list them."""
         return list(await station.emulator.call("programs"))
 

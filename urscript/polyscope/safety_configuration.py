@@ -33,6 +33,22 @@ _FACTORY_CHECKSUMS: Final = {
     (Series.E, pi, 2.0 * pi): 3683737400,
     (Series.E, 2.0943951023931953, pi): 1041004964,
 }
+LIMITS: Final[Mapping[str, tuple[str, str]]] = {  # attribute of a LimitSet -> title and unit
+    "tcp_speed": ("TCP speed", "m/s"),
+    "force": ("TCP force", "N"),
+    "power": ("Power", "W"),
+    "momentum": ("Momentum", "kg m/s"),
+    "elbow_speed": ("Elbow speed", "m/s"),
+    "elbow_force": ("Elbow force", "N"),
+    "stopping_time": ("Stopping time", "s"),
+    "stopping_distance": ("Stopping distance", "m"),
+}
+_PRESETS: Final = {  # in the order of a LimitSet
+    "least restricted": (5.0, 250.0, 1000.0, 100.0, 5.0, 250.0, 1.0, 4.0),
+    "default": (1.5, 150.0, 300.0, 25.0, 1.5, 150.0, 0.4, 0.5),
+    "restricted": (0.75, 120.0, 200.0, 10.0, 0.75, 120.0, 0.3, 0.3),
+    "very restricted": (0.25, 100.0, 80.0, 5.0, 0.25, 100.0, 0.2, 0.2),
+}
 
 
 class BoundaryMode(Enum):
@@ -153,22 +169,6 @@ class SafetyConfiguration:
         return zlib.crc32(repr(replace(self, inputs=dict(self.inputs), outputs=dict(self.outputs))).encode()) or 1
 
 
-LIMITS: Final[Mapping[str, tuple[str, str]]] = {  # attribute of a LimitSet -> title and unit
-    "tcp_speed": ("TCP speed", "m/s"),
-    "force": ("TCP force", "N"),
-    "power": ("Power", "W"),
-    "momentum": ("Momentum", "kg m/s"),
-    "elbow_speed": ("Elbow speed", "m/s"),
-    "elbow_force": ("Elbow force", "N"),
-    "stopping_time": ("Stopping time", "s"),
-    "stopping_distance": ("Stopping distance", "m"),
-}
-_PRESETS: Final = {  # in the order of a LimitSet
-    "least restricted": (5.0, 250.0, 1000.0, 100.0, 5.0, 250.0, 1.0, 4.0),
-    "default": (1.5, 150.0, 300.0, 25.0, 1.5, 150.0, 0.4, 0.5),
-    "restricted": (0.75, 120.0, 200.0, 10.0, 0.75, 120.0, 0.3, 0.3),
-    "very restricted": (0.25, 100.0, 80.0, 5.0, 0.25, 100.0, 0.2, 0.2),
-}
 PRESETS: Final[Mapping[str, LimitSet]] = MappingProxyType(
     {name: LimitSet(*values) for name, values in _PRESETS.items()}
 )

@@ -29,6 +29,8 @@ _DRIVE_MODES: Final = {
 }
 _PARITIES: Final = {0: "no parity", 1: "odd parity", 2: "even parity"}
 SIMULATED = "simulated: touch to change"
+_STANDARD_DOMAIN: Final = "set_standard_analog_input_domain"
+_TOOL_DOMAIN: Final = "set_tool_analog_input_domain"
 _DOMAINS: Final = {int(AnalogDomain.CURRENT): "mA", int(AnalogDomain.VOLTAGE): "V"}
 
 
@@ -73,8 +75,6 @@ class AnalogSignal:
         return UNKNOWN if value is None else f"{value * signal_range.factor:.3f} {signal_range.unit}"
 
 
-_STANDARD_DOMAIN: Final = "set_standard_analog_input_domain"
-_TOOL_DOMAIN: Final = "set_tool_analog_input_domain"
 ANALOG_INPUTS: Final = (
     AnalogSignal("AI0", 0, "standard_analog_input0", "analog_io_types", 0, _STANDARD_DOMAIN),
     AnalogSignal("AI1", 1, "standard_analog_input1", "analog_io_types", 1, _STANDARD_DOMAIN),

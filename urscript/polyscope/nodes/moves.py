@@ -26,7 +26,22 @@ _BLEND_DEFAULT: Final = "0.025"  # m, of a MoveP
 _OPTIMOVES: Final = Availability.since(None, "5.21")  # seen from there on
 _MOTIONS: Final = {kind: kind for kind in ("MoveJ", "MoveL", "MoveP")}
 _ACTIVE, _FLANGE = "Active TCP", "Tool flange"
+_BY_SPEED, _BY_TIME = "SPEED_AND_ACCELERATION", "TIME"  # the second is a guess: no public file has it
+_BY: Final = "positionOptionType"
 
+HOME: Final = Kind(
+    "home",
+    "Home",
+    "Advanced",
+    lambda _: "Home",
+    new=lambda _: make("SafeHome", positionOptionType=_BY_SPEED, **JOINT_DEFAULTS, nextMotionTime="2.0"),
+    available=Availability.since(None, "5.4"),  # guess: seen from 5.11 on
+    fields=(
+        attribute_choice("option", "Move by", _BY, {_BY_SPEED: "Speed and acceleration", _BY_TIME: "Time"}),
+        *speed_fields("joint", "Joint", ("speed", "acceleration"), having(_BY, _BY_SPEED)),
+        attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=having(_BY, _BY_TIME)),
+    ),
+)
 
 _is_joint: Final = having("motionType", "MoveJ")
 
@@ -130,25 +145,6 @@ def move(writer: Writer, element: Element) -> Steps[None]:
     """Move through waypoints with MoveJ, MoveL or MoveP; it may have its own TCP or feature."""
     writer.label(element, element.get("motionType"))
     yield from translate_children(writer, element)
-
-
-_BY_SPEED, _BY_TIME = "SPEED_AND_ACCELERATION", "TIME"  # the second is a guess: no public file has it
-_BY: Final = "positionOptionType"
-
-
-HOME: Final = Kind(
-    "home",
-    "Home",
-    "Advanced",
-    lambda _: "Home",
-    new=lambda _: make("SafeHome", positionOptionType=_BY_SPEED, **JOINT_DEFAULTS, nextMotionTime="2.0"),
-    available=Availability.since(None, "5.4"),  # guess: seen from 5.11 on
-    fields=(
-        attribute_choice("option", "Move by", _BY, {_BY_SPEED: "Speed and acceleration", _BY_TIME: "Time"}),
-        *speed_fields("joint", "Joint", ("speed", "acceleration"), having(_BY, _BY_SPEED)),
-        attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=having(_BY, _BY_TIME)),
-    ),
-)
 
 
 @node("SafeHome", HOME)
