@@ -28,9 +28,8 @@ def read_calibration(path: Path) -> Calibration:
     Raises FileError if the file cannot be read or is not a calibration.
     """
     try:
-        return Calibration.from_mapping(load_yaml(path.read_bytes()), str(path))
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
+        with FileError.accessing(path):
+            return Calibration.from_mapping(load_yaml(path.read_bytes()), str(path))
     except InvalidYamlError as error:
         raise FileError(path, f"it is not YAML: {error}") from error
     except CalibrationError as error:
@@ -39,10 +38,8 @@ def read_calibration(path: Path) -> Calibration:
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
     """Write a calibration file in the format of ur_calibration. Raises FileError if it cannot be written."""
-    try:
+    with FileError.accessing(path):
         write_file(path, yaml.safe_dump(calibration.to_mapping(), sort_keys=False))
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
 
 
 def parameters(kinematics: KinematicsInfo) -> DH:

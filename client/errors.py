@@ -40,6 +40,8 @@ urproto.errors.RemoteProtocolError    the peer does not speak this protocol
 urproto.errors.LocalProtocolError     the caller passed values that the protocol cannot carry
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from urproto.errors import URError
@@ -137,6 +139,15 @@ class FileError(ClientError):
         super().__init__(f"{path}: {reason}")
         self.path = path
         self.reason = reason
+
+    @classmethod
+    @contextmanager
+    def accessing(cls, path: Path) -> Iterator[None]:
+        """Raise an OSError from the block as an error of this class."""
+        try:
+            yield
+        except OSError as error:
+            raise cls(path, error.strerror or str(error)) from error
 
 
 class ScriptFailedError(ClientError):

@@ -88,7 +88,7 @@ THIRD_PARTY = {
     "tomli": ("urproto.compat",),
     "typing_extensions": ("urproto.compat",),
     "pinocchio": ("urproto.robots.pinocchio_dynamics", "client.planning"),
-    "yaml": ("urproto.yamltext", "client.calibration", "client.ros2.overlay", "client.identification.armfile"),
+    "yaml": ("urproto.yamltext", "client.calibration", "client.ros2.overlay", "client.identification.identify"),
     "typer": (
         "emulator.check",
         "emulator.cli",

@@ -22,7 +22,7 @@ from client.calibration import read_calibration, write_calibration
 from client.cli import app
 from client.decoding.packets import SocketAddress
 from client.errors import ClientError
-from client.identification.armfile import write_arm
+from client.identification.identify import write_arm
 from client.lerobot import write_dataset
 from client.pendant.program_file import ProgramFile, SavedDraft
 from client.pendant.saved import Poses
@@ -41,11 +41,12 @@ from emulator.reports import write_crash
 from emulator.robotapi.stored import store_program
 from emulator.serve import write_ports
 from emulator.servers.http import HttpError
+from tests.robotapi.rig import empty_urpx
 from urproto import durable
 from urproto.controlapi import NotPossible
 from urproto.robots import Calibration, load_model
 from urscript.polyscope.document import read_document
-from urscript.polyscope.urpx import empty_urpx, read_urpx
+from urscript.polyscope.urpx import read_urpx
 from urscript.work import run_to_end
 
 CHANGING: Final = ("open", "write", "fsync", "chmod", "replace", "rename", "close")

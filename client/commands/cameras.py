@@ -10,7 +10,6 @@ import typer
 
 from client.cameras import CameraClient, CameraFollower, Shot
 from client.recording.pictures import DEPTH, JPEG
-from urproto.ports import CAMERA_PORT
 
 _MAX_HZ: Final = 30.0  # the highest rate at which an emulator renders
 _MAX_PENDING: Final = 100  # images: more pile up only while the connection to the robot is lost; they are dropped
@@ -20,7 +19,6 @@ CameraNames: TypeAlias = Annotated[
     typer.Option("--camera", help="Also include images of this camera; all for every camera. Repeatable."),
 ]
 CameraRate: TypeAlias = Annotated[float, typer.Option("--camera-rate", help="Images per second from each camera.")]
-CameraDepth: TypeAlias = Annotated[bool, typer.Option("--depth", help="Also include depth images of those cameras.")]
 CameraPort: TypeAlias = Annotated[
     int | None, typer.Option("--camera-port", help="Port of an emulator's cameras, if not the usual one.")
 ]
@@ -29,31 +27,19 @@ DEFAULT_HZ: Final = 5.0
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """The camera options of a command line. names: empty for no images."""
+    """The camera options of a command line. names: empty for no images. Raises BadParameter."""
 
     robot_ip: str
     port: int
     names: Sequence[str]
     rate_hz: float
-    depth: bool
+    depth: bool = False
 
-    @classmethod
-    def of(
-        cls,
-        robot_ip: str,
-        port_offset: int,
-        port: int | None,
-        names: Sequence[str] | None,
-        rate_hz: float,
-        depth: bool = False,
-    ) -> "CameraOptions":
-        """Check and collect the options. port: None for the usual one. Raises BadParameter."""
-        if not 0.0 < rate_hz <= _MAX_HZ:
-            raise typer.BadParameter(f"--camera-rate must be above 0 and at most {_MAX_HZ:g}, not {rate_hz:g}")
-        if depth and not names:
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rate_hz <= _MAX_HZ:
+            raise typer.BadParameter(f"--camera-rate must be above 0 and at most {_MAX_HZ:g}, not {self.rate_hz:g}")
+        if self.depth and not self.names:
             raise typer.BadParameter("--depth needs a camera: add --camera all or --camera NAME")
-        usual = CAMERA_PORT + port_offset
-        return cls(robot_ip, usual if port is None else port, tuple(names or ()), rate_hz, depth)
 
 
 def follow_cameras(opened: ExitStack, options: CameraOptions) -> Callable[[], list[Shot]]:

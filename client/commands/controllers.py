@@ -2,8 +2,9 @@
 
 import asyncio
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import Enum
+from math import isnan
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -115,13 +116,7 @@ def types_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0, 
         found = _request(robot_ip, port_offset, "list_controller_types")
     except NoManagerError:
         found = available_types()
-    if as_json:
-        print_json(found)
-        return
-    table = Table("type", "what it does")
-    for name, what in found["types"].items():
-        table.add_row(name, what)
-    console().print(table)
+    _print(found, as_json, ("type", "what it does"), found["types"].items())
 
 
 @controllers_app.command("list")
@@ -139,31 +134,29 @@ def list_command(
         _list_file(controllers, as_json)
         return
     found = _request(robot_ip, port_offset, "list_controllers")
-    if as_json:
-        print_json(found)
-        return
-    if not found:
+    if not (found or as_json):
         typer.echo("No controllers are currently loaded!")
         return
-    table = Table("controller", "type", "state", "claimed interfaces", *(("needs",) if verbose else ()))
-    for one in found:
-        needs = (*one["required_command_interfaces"], *one["required_state_interfaces"])
-        row = (one["name"], one["type"], one["state"], interface_summary(one["claimed_interfaces"]))
-        table.add_row(*row, *(("\n".join(needs),) if verbose else ()))
-    console().print(table)
+    rows = [
+        (
+            *(one[column] for column in ("name", "type", "state")),
+            interface_summary(one["claimed_interfaces"]),
+            "\n".join((*one["required_command_interfaces"], *one["required_state_interfaces"])),
+        )
+        for one in found
+    ]
+    headings = ("controller", "type", "state", "claimed interfaces", "needs")
+    columns = slice(None if verbose else -1)
+    _print(found, as_json, headings[columns], (row[columns] for row in rows))
 
 
 def _list_file(path: Path, as_json: bool) -> None:
     """Raises typer.Exit."""
     file = controllers_file(path)
-    table = Table("controller", "type", "notes", title=file.name)
     rows = [(name, kind, *_notes(name, kind, file.parameters_of(name))) for name, kind in file.types.items()]
-    if as_json:
-        print_json([{"name": name, "type": kind, "notes": notes, "fine": fine} for name, kind, notes, fine in rows])
-    else:
-        for name, kind, notes, _ in rows:
-            table.add_row(name, kind, "\n".join(notes))
-        console().print(table)
+    found = [{"name": name, "type": kind, "notes": notes, "fine": fine} for name, kind, notes, fine in rows]
+    cells = ((name, kind, "\n".join(notes)) for name, kind, notes, _ in rows)
+    _print(found, as_json, ("controller", "type", "notes"), cells, file.name)
     if not all(fine for *_, fine in rows):
         raise typer.Exit(1)
 
@@ -265,13 +258,9 @@ def parameters_command(
 ) -> None:
     """List the parameters of a loaded controller."""
     found = _request(robot_ip, port_offset, "list_parameters", name=name)
-    if as_json:
-        print_json({key: one["value"] for key, one in found.items()})
-        return
-    table = Table("parameter", "value", "")
-    for key, one in found.items():
-        table.add_row(key, json.dumps(one["value"]), "read-only" if one["read_only"] else "")
-    console().print(table)
+    values = {key: one["value"] for key, one in found.items()}
+    rows = ((key, json.dumps(values[key]), "read-only" if one["read_only"] else "") for key, one in found.items())
+    _print(values, as_json, ("parameter", "value", ""), rows)
 
 
 @controllers_app.command("set-parameters")
@@ -321,13 +310,8 @@ def hardware_command(
             return await manager.request("list_hardware_components")
 
     found = asyncio.run(work())
-    if as_json:
-        print_json(found)
-        return
-    table = Table("component", "type", "plugin", "state")
-    for one in found:
-        table.add_row(one["name"], one["type"], one["plugin_name"], one["state"])
-    console().print(table)
+    rows = ([one[column] for column in ("name", "type", "plugin_name", "state")] for one in found)
+    _print(found, as_json, ("component", "type", "plugin", "state"), rows)
 
 
 @controllers_app.command("interfaces")
@@ -344,14 +328,24 @@ def interfaces_command(
             return await arm.request("list_hardware_interfaces")
 
     found: list[Any] = asyncio.run(work())
+    rows = ((one["name"], one["kind"], _format(one["value"]), one["claimed_by"]) for one in found)
+    _print(found, as_json, ("interface", "kind", "value", "claimed by"), rows)
+
+
+def _format(value: float | None) -> str:
+    return "" if value is None or isnan(value) else f"{value:g}"
+
+
+def _print(
+    found: Any, as_json: bool, headings: Sequence[str], rows: Iterable[Iterable[str]], title: str | None = None
+) -> None:
+    """Print what was found, or a table of it."""
     if as_json:
         print_json(found)
         return
-    table = Table("interface", "kind", "value", "claimed by")
-    for one in found:
-        value = one["value"]
-        shown = "" if value is None or value != value else f"{value:g}"
-        table.add_row(one["name"], one["kind"], shown, one["claimed_by"])
+    table = Table(*headings, title=title)
+    for row in rows:
+        table.add_row(*row)
     console().print(table)
 
 

@@ -3,7 +3,8 @@
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from types import FrameType, TracebackType
 from typing import Annotated, Any, Final, TypeAlias
 
@@ -13,6 +14,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
 from client import rtde
+from client.connection import DEFAULT_TIMEOUT_S
 from client.errors import ClientError
 from urproto.compat import Self
 
@@ -113,6 +115,23 @@ class Interrupts:
         if self._waiting:
             self._waiting = False  # already here: a second signal may arrive before `wait` resets it
             raise KeyboardInterrupt
+
+
+def connect(
+    opened: ExitStack,
+    interrupts: Interrupts,
+    robot_ip: str,
+    port_offset: int,
+    names: Sequence[str],
+    frequency_hz: float | None,
+) -> rtde.BlockingRTDEClient:
+    """Request variables of a robot; the connection ends with ``opened``. Raises URError, KeyboardInterrupt."""
+    timeout_s = DEFAULT_TIMEOUT_S + (2.0 / frequency_hz if frequency_hz and frequency_hz > 0.0 else 0.0)
+    client = rtde.BlockingRTDEClient(
+        robot_ip, names, frequency_hz=frequency_hz, port=rtde.PORT + port_offset, timeout_s=timeout_s
+    )
+    connected: rtde.BlockingRTDEClient = interrupts.wait(lambda: opened.enter_context(client))
+    return connected
 
 
 def follow(

@@ -4,9 +4,10 @@ import asyncio
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
@@ -15,16 +16,14 @@ from client.calibration import read_calibration
 from client.cameras import Shot
 from client.commands.cameras import (
     DEFAULT_HZ,
-    CameraDepth,
     CameraNames,
     CameraOptions,
     CameraPort,
     CameraRate,
     follow_cameras,
 )
-from client.commands.following import Interrupts, PortOffset, ProgressBar, RobotIP, Sink, follow
+from client.commands.following import Interrupts, PortOffset, ProgressBar, RobotIP, Sink, connect, follow
 from client.commands.scene_drawing import DrawnServer, model_of_robot, scene_drawing
-from client.connection import DEFAULT_TIMEOUT_S
 from client.controllers.remote import check_no_manager
 from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, FileError, RecordingError
@@ -43,12 +42,16 @@ from client.recording.recording import Recording
 from client.recording.timestamps import Stamps
 from client.robot import Robot
 from urproto.addresses import is_loopback
+from urproto.commandline import with_options_of
 from urproto.durable import write_file
 from urproto.errors import RobotRefused, URError
+from urproto.ports import CAMERA_PORT
 from urproto.robots import UnknownModelError, load_model
-from urproto.robots.description import urdf
 from urproto.robots.description import urdf as urdf_of
 from urproto.robots.meshes import MissingMeshesError
+
+if TYPE_CHECKING:
+    from client.planning.markers import SceneDrawing
 
 _APPROACH_RAD_S: Final = 0.3  # guess: slow enough to reach the emergency stop in time
 _APPROACH_RAD_S2: Final = 0.5
@@ -80,13 +83,11 @@ def describe_command(
             measured = read_calibration(calibration)
             measured.check_model(arm)
             arm = replace(arm, calibration=measured.dh)
-        text = urdf(arm, meshes=meshes, prefix=prefix)
+        text = urdf_of(arm, meshes=meshes, prefix=prefix)
     except (UnknownModelError, MissingMeshesError) as error:
         raise typer.BadParameter(str(error)) from error
-    try:
+    with FileError.accessing(output):
         write_file(output, text)
-    except OSError as error:
-        raise FileError(output, error.strerror or str(error)) from error
     typer.echo(f"{output}: {arm.title}, " + ("nominal" if arm.calibration is None else "calibrated"))
 
 
@@ -203,58 +204,89 @@ def move_along(robot: Robot, path: JointPath, what: str) -> None:
     robot.wait_done()  # raises if the motion failed between two polls
 
 
-Fields: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Option("--fields", help="RTDE outputs, comma-separated or repeated; the word default adds the usual ones."),
-]
-Duration: TypeAlias = Annotated[
-    float | None, typer.Option("--duration", min=0.0, help="Duration by the robot's clock [s] (default: until Ctrl-C).")
-]
-SceneOption: TypeAlias = Annotated[
-    Path | None,
-    typer.Option("--scene", help="World file whose objects to draw around the arm (extra plan).", dir_okay=False),
-]
-PlanOption: TypeAlias = Annotated[
-    Path | None,
-    typer.Option("--plan", help="Output of `ur-client plan --json` whose path to draw (extra plan).", dir_okay=False),
-]
 Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Overwrite the file if it exists.")]
 
 
+@dataclass(frozen=True)
+class _Source:
+    """What to record or stream of a robot, as options of a command."""
+
+    fields: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fields", help="RTDE outputs, comma-separated or repeated; the word default adds the usual ones."
+        ),
+    ] = None
+    duration: Annotated[
+        float | None,
+        typer.Option("--duration", min=0.0, help="Duration by the robot's clock [s] (default: until Ctrl-C)."),
+    ] = None
+    scene: Annotated[
+        Path | None,
+        typer.Option("--scene", help="World file whose objects to draw around the arm (extra plan).", dir_okay=False),
+    ] = None
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            "--plan", help="Output of `ur-client plan --json` whose path to draw (extra plan).", dir_okay=False
+        ),
+    ] = None
+    camera: CameraNames = None
+    depth: Annotated[bool, typer.Option("--depth", help="Also include depth images of those cameras.")] = False
+    camera_rate: CameraRate = DEFAULT_HZ
+    camera_port: CameraPort = None
+    robot_ip: RobotIP = "127.0.0.1"
+    port_offset: PortOffset = 0
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The RTDE variables. Raises RecordingError for an unknown one."""
+        parts = [name.strip() for part in self.fields or ["default"] for name in part.split(",")]
+        return field_names(name for name in parts if name)
+
+    @cached_property
+    def cameras(self) -> CameraOptions:
+        """The cameras. Raises BadParameter."""
+        port = self.camera_port or CAMERA_PORT + self.port_offset
+        return CameraOptions(self.robot_ip, port, self.camera or (), self.camera_rate, self.depth)
+
+    def drawing(self) -> "SceneDrawing | None":
+        """See `scene_drawing`."""
+        return scene_drawing(self.scene, self.plan, self.names, self.robot_ip, self.port_offset)
+
+    def connect(
+        self, opened: ExitStack, interrupts: Interrupts, frequency_hz: float | None
+    ) -> tuple[rtde.BlockingRTDEClient, str]:
+        """The connection, and a description of it."""
+        client = connect(opened, interrupts, self.robot_ip, self.port_offset, self.names, frequency_hz)
+        source = f"{client.host} (PolyScope {client.core.version})"
+        return client, f"{len(self.names)} variables of {source} at {client.core.rate_hz:g} Hz"
+
+
+@with_options_of(_Source, last=True)
 def record_command(
+    source_options: Mapping[str, Any],
     file: Annotated[Path, typer.Argument(help="File to write: .mcap (ROS 2, PlotJuggler, Foxglove), .csv or .npz.")],
-    fields: Fields = None,
     frequency: Annotated[
         float | None, typer.Option("--frequency", help="States per second (default: the robot's full rate).")
     ] = None,
-    duration: Duration = None,
-    scene: SceneOption = None,
-    plan: PlanOption = None,
     overwrite: Overwrite = False,
-    camera: CameraNames = None,
-    depth: CameraDepth = False,
-    camera_rate: CameraRate = DEFAULT_HZ,
-    camera_port: CameraPort = None,
-    robot_ip: RobotIP = "127.0.0.1",
-    port_offset: PortOffset = 0,
 ) -> None:
     """Record a robot's states, until Ctrl-C."""
-    names = _parse_fields(fields)
-    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
-    if cameras.names and file.suffix.lower() != ".mcap":
+    source = _Source(**source_options)
+    if source.cameras.names and file.suffix.lower() != ".mcap":
         raise RecordingError(f"{file}: only .mcap files can contain camera images")
     check_free(file, overwrite)
-    if (scene or plan) and file.suffix.lower() != ".mcap":
+    if (source.scene or source.plan) and file.suffix.lower() != ".mcap":
         raise typer.BadParameter(f"--scene and --plan need an .mcap file: {file} cannot contain drawings")
-    drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
+    drawing = source.drawing()
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
-        client = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
-        shots = follow_cameras(opened, cameras)
-        info = {"robot": robot_ip, "polyscope": str(client.core.version), "rate_hz": f"{client.core.rate_hz:g}"}
-        recorder = opened.enter_context(Recorder(file, names, info))
-        source, place = _describe_source(client, names), recorder.place.name
-        typer.echo(f"recording {source} to {file} ({place} until it ends). Ctrl-C ends it.", err=True)
+        client, what = source.connect(opened, interrupts, frequency)
+        shots = follow_cameras(opened, source.cameras)
+        info = {"robot": client.host, "polyscope": str(client.core.version), "rate_hz": f"{client.core.rate_hz:g}"}
+        recorder = opened.enter_context(Recorder(file, source.names, info))
+        typer.echo(f"recording {what} to {file} ({recorder.place.name} until it ends). Ctrl-C ends it.", err=True)
         pictures = 0
 
         def write(state: Mapping[str, Any]) -> None:
@@ -267,13 +299,15 @@ def record_command(
         sinks: list[Sink] = [write]
         if drawing is not None:
             sinks.append(drawing.onto(recorder))
-        follow(client, sinks, interrupts, duration)
-    typer.echo(f"{file}: {recorder.count} states" + (f", {pictures} images" if cameras.names else ""))
+        follow(client, sinks, interrupts, source.duration)
+    typer.echo(f"{file}: {recorder.count} states" + (f", {pictures} images" if source.cameras.names else ""))
     if recorder.left_out:
         typer.echo(f"note: {recorder.left_out} states without a timestamp were left out", err=True)
 
 
+@with_options_of(_Source, last=True)
 def stream_command(
+    source_options: Mapping[str, Any],
     plotjuggler: Annotated[
         str | None,
         typer.Option(
@@ -295,45 +329,34 @@ def stream_command(
             dir_okay=False,
         ),
     ] = None,
-    fields: Fields = None,
     frequency: Annotated[float, typer.Option("--frequency", help="States per second.")] = _STREAM_HZ,
-    duration: Duration = None,
-    scene: SceneOption = None,
-    plan: PlanOption = None,
-    camera: CameraNames = None,
-    depth: CameraDepth = False,
-    camera_rate: CameraRate = DEFAULT_HZ,
-    camera_port: CameraPort = None,
-    robot_ip: RobotIP = "127.0.0.1",
-    port_offset: PortOffset = 0,
 ) -> None:
     """Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C."""
     if not plotjuggler and not foxglove:
         raise typer.BadParameter("nowhere to stream to: give --plotjuggler udp://127.0.0.1:9870, --foxglove, or both")
-    if (scene or plan) and not foxglove:
+    source = _Source(**source_options)
+    if (source.scene or source.plan) and not foxglove:
         raise typer.BadParameter("--scene and --plan need --foxglove: PlotJuggler shows curves only")
-    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
-    if cameras.names and not foxglove:
+    if source.cameras.names and not foxglove:
         raise typer.BadParameter("--camera needs --foxglove: PlotJuggler shows no images")
-    names = _parse_fields(fields)
-    drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
+    drawing = source.drawing()
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
-        client = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
-        shots = follow_cameras(opened, cameras)
+        client, what = source.connect(opened, interrupts, frequency)
+        shots = follow_cameras(opened, source.cameras)
         writers: list[Writer] = []
         server: FoxgloveServer | None = None
         if plotjuggler:
             writers.append(live.plotjuggler(plotjuggler))
         if foxglove:
-            description = _text(urdf) if urdf else _described(robot_ip, port_offset)
-            server = FoxgloveServer(names, *address_of(listen, "ws", FOXGLOVE_PORT), description)
+            description = _text(urdf) if urdf else _described(source.robot_ip, source.port_offset)
+            server = FoxgloveServer(source.names, *address_of(listen, "ws", FOXGLOVE_PORT), description)
             writers.append(server if drawing is None else DrawnServer(server, drawing))
             typer.echo(f"Foxglove: open a connection to {listen.rpartition(':')[0]}:{server.port}", err=True)
         for writer in writers:
             opened.callback(writer.close)
-        typer.echo(f"streaming {_describe_source(client, names)}. Ctrl-C ends it.", err=True)
-        follow(client, _timestamped_sink(writers, server, shots), interrupts, duration)
+        typer.echo(f"streaming {what}. Ctrl-C ends it.", err=True)
+        follow(client, [_timestamped_sink(writers, server, shots)], interrupts, source.duration)
 
 
 def convert_command(
@@ -369,35 +392,9 @@ def check_free(path: Path, overwrite: bool) -> None:
         raise RecordingError(f"{path} exists: choose another name, or pass --overwrite")
 
 
-def _parse_fields(fields: Sequence[str] | None) -> tuple[str, ...]:
-    parts = [name.strip() for part in fields or ["default"] for name in part.split(",")]
-    return field_names(name for name in parts if name)
-
-
-def _connect(
-    opened: ExitStack,
-    interrupts: Interrupts,
-    robot_ip: str,
-    port_offset: int,
-    names: Sequence[str],
-    frequency_hz: float | None,
-) -> rtde.BlockingRTDEClient:
-    timeout_s = DEFAULT_TIMEOUT_S + (2.0 / frequency_hz if frequency_hz and frequency_hz > 0.0 else 0.0)
-    client = rtde.BlockingRTDEClient(
-        robot_ip, names, frequency_hz=frequency_hz, port=rtde.PORT + port_offset, timeout_s=timeout_s
-    )
-    connected: rtde.BlockingRTDEClient = interrupts.wait(lambda: opened.enter_context(client))
-    return connected
-
-
-def _describe_source(client: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
-    source = f"{client.host} (PolyScope {client.core.version})"
-    return f"{len(names)} variables of {source} at {client.core.rate_hz:g} Hz"
-
-
 def _timestamped_sink(
     writers: Sequence[Writer], picture_server: FoxgloveServer | None, shots: Callable[[], list[Shot]]
-) -> list[Sink]:
+) -> Sink:
     """A sink that passes each state to all writers, and images to the Foxglove server, with this machine's time."""
     stamps = Stamps()
 
@@ -409,7 +406,7 @@ def _timestamped_sink(
             if picture_server is not None and (taken_ns := stamps.at(shot.time_s)) is not None:
                 picture_server.write_shot(shot, taken_ns)
 
-    return [write]
+    return write
 
 
 def _described(robot_ip: str, port_offset: int) -> str | None:

@@ -15,8 +15,7 @@ from rich.table import Table
 
 from client import dashboard, primary, rtde
 from client.calibration import calibration_of, is_nominal, write_calibration
-from client.commands.following import Interrupts, PortOffset, RobotIP, Sink, follow
-from client.connection import DEFAULT_TIMEOUT_S
+from client.commands.following import Interrupts, PortOffset, RobotIP, Sink, connect, follow
 from client.dashboard_commands import WORDS, checked_command
 from client.decoding import formatting
 from client.errors import ClientError, FileError
@@ -169,12 +168,9 @@ def watch_command(
     if problem := unknown_fields(fields):
         raise typer.BadParameter(problem)
     names = list(dict.fromkeys(fields))
-    timeout_s = DEFAULT_TIMEOUT_S + 2 / rate if rate > 0 else DEFAULT_TIMEOUT_S
-    port = rtde.PORT + port_offset
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
-        client = rtde.BlockingRTDEClient(robot_ip, names, frequency_hz=rate, port=port, timeout_s=timeout_s)
-        client = interrupts.wait(lambda: opened.enter_context(client))
+        client = connect(opened, interrupts, robot_ip, port_offset, names, rate)
         sinks = [_csv_sink(csv_file, names, opened)] if csv_file else []
         lines = _json_lines if as_json else _lines
         in_table = sys.stdout.isatty() and not (plain or as_json)

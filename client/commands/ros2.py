@@ -12,6 +12,7 @@ from client.commands.control import ControllersOption, Headless, InitialControll
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS, read_settings
 from client.errors import Ros2Error
+from urproto.ports import CAMERA_PORT
 
 if TYPE_CHECKING:
     import socket
@@ -63,7 +64,7 @@ def ros2_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Run the ROS 2 driver: nodes, topics, services and actions as in ur_robot_driver. See docs/ros2.md."""
-    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate)
+    cameras = CameraOptions(robot_ip, camera_port or CAMERA_PORT + port_offset, camera or (), camera_rate)
     try:
         settings = read_settings(driver or ())
     except ValueError as error:

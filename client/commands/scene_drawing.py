@@ -61,10 +61,8 @@ def scene_drawing(
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         scene, state = PlanningScene(_model(robot)), robot.run(robot.core.robot_state())
     if path is not None:
-        try:
+        with FileError.accessing(path):
             scene.update(path, ZERO6 if state.cartesian is None else state.cartesian.tcp_offset)
-        except OSError as error:
-            raise FileError(path, error.strerror or str(error)) from error
     return SceneDrawing(scene, path_rad)
 
 

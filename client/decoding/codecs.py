@@ -34,26 +34,6 @@ _FRAMINGS: dict[str, Framing] = {
 _FOUND_LATER = ("primary", "realtime", "rtde")  # their headers hardly ever occur by chance
 
 
-def line_stream() -> LineStream:
-    """Any text with line feeds."""
-    return LineStream(_read, _MAX_LINE)
-
-
-def unterminated_stream() -> LineStream:
-    """Text whose lines may lack a line feed, such as a gripper's ``ack``: text received together is shown together."""
-    return LineStream(_read, _MAX_LINE, unfinished=True)
-
-
-def statement_stream() -> LineStream:
-    """Input of interpreter mode."""
-    return LineStream(_read_statement, _MAX_LINE)
-
-
-def answer_stream() -> LineStream:
-    """Answers of interpreter mode."""
-    return LineStream(_read_answer, _MAX_LINE)
-
-
 def _read(text: str) -> Iterator[Line]:
     yield Line(formatting.escaped(text))
 
@@ -198,50 +178,51 @@ class Codec:
     server: Side = Side.ROBOT
     usual: Side = Side.ROBOT
 
-
-def _rtde() -> Channel:
-    conversation = rtde.RTDEConversation()
-    return Channel(conversation.from_robot, conversation.from_client, conversation.unknown)
-
-
-def _modbus() -> Channel:
-    conversation = modbus.ModbusConversation()
-    return Channel(conversation.from_robot, conversation.from_client, conversation.unknown)
+    def side(self, from_server: bool) -> Side:
+        """The side that the server of a connection, or its other end, is."""
+        return self.server if from_server else next(side for side in Side if side is not self.server)
 
 
-def _lines() -> Channel:
-    return Channel(line_stream(), line_stream())
+def _both(open_conversation: Callable[[], rtde.RTDEConversation | modbus.ModbusConversation]) -> Callable[[], Channel]:
+    """The streams of a conversation whose directions complete each other."""
+
+    def open_channel() -> Channel:
+        conversation = open_conversation()
+        return Channel(conversation.from_robot, conversation.from_client, conversation.unknown)
+
+    return open_channel
 
 
-_DRIVER = Side.CLIENT
+def _lines(read: Callable[[str], Iterator[Line]] = _read, *, unfinished: bool = False) -> LineStream:
+    return LineStream(read, _MAX_LINE, unfinished=unfinished)
+
+
+def _text() -> Channel:
+    return Channel(_lines(), _lines())
+
+
+def _answered(from_driver: Stream) -> Channel:
+    return Channel(external.result_stream(), from_driver)
+
+
+_DRIVER = {"server": Side.CLIENT, "usual": Side.CLIENT}
 
 CODECS = {
     codec.name: codec
     for codec in (
-        Codec("rtde", (30004,), _rtde),
-        Codec("primary", (30001, 30002, 30011, 30012), lambda: Channel(states.primary_stream(), line_stream())),
-        Codec("realtime", (30003, 30013), lambda: Channel(states.realtime_stream(), line_stream())),
-        Codec("dashboard", (29999,), _lines),
-        Codec("interpreter", (30020,), lambda: Channel(answer_stream(), statement_stream())),
-        Codec("modbus", (502,), _modbus),
-        Codec("reverse", (50001,), lambda: Channel(line_stream(), external.reverse_stream()), _DRIVER, _DRIVER),
-        Codec("script-sender", (50002,), _lines, _DRIVER, _DRIVER),
-        Codec(
-            "trajectory",
-            (50003,),
-            lambda: Channel(external.result_stream(), external.trajectory_stream()),
-            _DRIVER,
-            _DRIVER,
-        ),
-        Codec(
-            "script-command",
-            (50004,),
-            lambda: Channel(external.result_stream(), external.command_stream()),
-            _DRIVER,
-            _DRIVER,
-        ),
-        Codec("gripper", (63352,), lambda: Channel(unterminated_stream(), unterminated_stream())),
-        Codec("text", (), _lines),
+        Codec("rtde", (30004,), _both(rtde.RTDEConversation)),
+        Codec("primary", (30001, 30002, 30011, 30012), lambda: Channel(states.primary_stream(), _lines())),
+        Codec("realtime", (30003, 30013), lambda: Channel(states.realtime_stream(), _lines())),
+        Codec("dashboard", (29999,), _text),
+        Codec("interpreter", (30020,), lambda: Channel(_lines(_read_answer), _lines(_read_statement))),
+        Codec("modbus", (502,), _both(modbus.ModbusConversation)),
+        Codec("reverse", (50001,), lambda: Channel(_lines(), external.reverse_stream()), **_DRIVER),
+        Codec("script-sender", (50002,), _text, **_DRIVER),
+        Codec("trajectory", (50003,), lambda: _answered(external.trajectory_stream()), **_DRIVER),
+        Codec("script-command", (50004,), lambda: _answered(external.command_stream()), **_DRIVER),
+        # its ``ack`` may lack a line feed: text received together is shown together
+        Codec("gripper", (63352,), lambda: Channel(_lines(unfinished=True), _lines(unfinished=True))),
+        Codec("text", (), _text),
         Codec("bytes", (), lambda: Channel(BytesStream(), BytesStream())),
     )
 }

@@ -18,14 +18,13 @@ from urproto.modes import mode_name
 from urproto.rtde import codec
 from urproto.rtde.codec import PackageType
 from urproto.rtde.fields import INPUT_FIELDS
-from urproto.rtde.recipes import type_names
-from urproto.rtde.types import IN_USE, NOT_FOUND, FieldType
+from urproto.rtde.recipes import Recipe, type_names
+from urproto.rtde.types import IN_USE, NOT_FOUND, WIRE_TYPES
 
 _HEADER = struct.Struct(">HB")
 _MAX_RECIPES = 256  # range of a recipe's number
 _MAX_UNANSWERED = 16  # requests remembered; guess: clients wait for each answer
-_WIRE_TYPES = {kind.wire_name: kind for kind in FieldType}
-_WORDS = {*_WIRE_TYPES, NOT_FOUND, IN_USE}
+_WORDS = {*WIRE_TYPES, NOT_FOUND, IN_USE}
 
 # packages with fixed sizes: request, reply
 _SIZES = {
@@ -76,22 +75,15 @@ class _Recipe:
     """The known parts of a recipe: types, and names if the request was captured."""
 
     def __init__(self, names: tuple[str, ...], types: tuple[str, ...], note: str = "") -> None:
-        self._types = [_WIRE_TYPES[kind] for kind in types if kind in _WIRE_TYPES]
         self._names = names if len(names) == len(types) else types
         self._note = note
-        usable = len(self._types) == len(types)
-        self._struct = struct.Struct(">" + "".join(kind.layout for kind in self._types)) if usable else None
+        self._recipe = Recipe.of_reply(self._names, types)
 
     def format(self, data: bytes) -> str | None:
         """The values; None if the bytes do not match this recipe."""
-        if self._struct is None or len(data) != self._struct.size:
+        if self._recipe is None or len(data) != self._recipe.size:
             return None
-        values, offset, pairs = self._struct.unpack(data), 0, []
-        for name, kind in zip(self._names, self._types, strict=True):
-            value = values[offset] if kind.count == 1 else values[offset : offset + kind.count]
-            pairs.append((name, value))
-            offset += kind.count
-        return formatting.pairs(pairs) + self._note
+        return formatting.pairs(zip(self._names, self._recipe.unpack(data), strict=True)) + self._note
 
 
 class _RecipeSetups:
@@ -167,10 +159,8 @@ class RTDEConversation:
     def _from_client(self, data: bytes) -> Iterator[Line]:
         package = _package(data)
         if package.type == PackageType.SETUP_OUTPUTS and package.payload[:1] in (b"?", b"@"):
-            self._protocol, self._protocol_known = (
-                2,
-                True,
-            )  # a frequency from 2^-255 Hz up comes first, never the start of a name
+            # a frequency from 2^-255 Hz up comes first, never the start of a name
+            self._protocol, self._protocol_known = 2, True
         request = codec.decode_request(package, self._protocol)
         match request:
             case codec.RequestProtocol():

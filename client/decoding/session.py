@@ -33,13 +33,6 @@ _LISTED = 8  # ports listed in a note
 _MAX_COUNTED = 1024  # ports counted for it
 
 
-def _side(codec: Codec, from_server: bool) -> Side:
-    """The side that the server of a connection, or its other end, is."""
-    if from_server:
-        return codec.server
-    return Side.CLIENT if codec.server is Side.ROBOT else Side.ROBOT
-
-
 class InputForm(Enum):
     """Format of an input."""
 
@@ -217,7 +210,7 @@ class _GuessedStream:
             return
         codec, side = guessed.codec, self._side or guessed.side
         if self._from_server is not None:
-            side = _side(codec, self._from_server)
+            side = codec.side(self._from_server)
         channel = self._channels.setdefault(codec.name, codec.open())
         self._stream = channel.stream(side, codec.usual)
         sender = side.value if side else f"{codec.usual.value}?"
@@ -244,7 +237,7 @@ class _Tracked:
             stream: Stream = _GuessedStream(self.channels, None, source == self.server)
             if self.codec is not None:
                 channel = self.channels.setdefault(self.codec.name, self.codec.open())
-                stream = channel.stream(_side(self.codec, source == self.server), self.codec.usual)
+                stream = channel.stream(self.codec.side(source == self.server), self.codec.usual)
             self.streams[source] = stream
         return self.streams[source]
 

@@ -8,14 +8,17 @@ determine keep the model's values.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import yaml
 
-from client.errors import RecordingError
+from client.errors import FileError, RecordingError
 from client.identification.fidelity import Payload, check_model, moments, recorded_payload
 from client.identification.samples import Array, Samples, friction_features, known_features, samples_of
 from client.recording.recording import Recording
+from urproto.durable import write_file
 from urproto.joints import JOINT_LABELS
 from urproto.robots import RobotModel
 from urproto.robots.drivetrain import Drivetrain
@@ -219,6 +222,13 @@ class _Fit:
             else:
                 self._values[name][joint] = value
                 self._errors[name][joint] = error
+
+
+def write_arm(path: Path, found: Identified) -> None:
+    """Write the arm file, for ``ur-emulator --arm``. Raises FileError if it cannot be written."""
+    text = yaml.safe_dump(found.to_mapping(), sort_keys=False, default_flow_style=None, width=120)
+    with FileError.accessing(path):
+        write_file(path, text)
 
 
 def _least_squares(columns: Array, target: Array) -> tuple[Array, Array]:

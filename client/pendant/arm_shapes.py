@@ -12,7 +12,6 @@ from typing import Final
 from urproto.robots.model import RobotModel
 from urproto.vectors import ZERO3, Vector3
 
-LINK_NAMES: Final = ("base", "shoulder", "upper arm", "forearm", "wrist 1", "wrist 2", "wrist 3")
 _LIGHT: Final = "#d9dde1"  # housings and tubes
 _DARK: Final = "#59636c"  # rims, foot and flange
 _BLUE: Final = "#5b9bc9"  # caps

@@ -70,6 +70,10 @@ class EmulatorControl:
             self._pollers[key] = Poller(lambda: self.call(verb, **arguments), _WATCH_PERIOD_S, self._on_change)
         return self._pollers[key]
 
+    def read(self, verb: str) -> Any:
+        """The result of ``watch``; None without an emulator, or before its first answer."""
+        return self.watch(verb).value if self.available else None
+
     async def change(self, verb: str, **arguments: Any) -> Any:
         """Like ``call``, for a verb that changes watched results, which are queried again immediately."""
         try:

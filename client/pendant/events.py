@@ -199,8 +199,7 @@ def _entry(message: RobotMessage) -> _Entry | None:
     match message:
         case ErrorCodeMessage():
             severity = _LEVELS.get(message.level % _DEVELOPER_LEVEL, "info")
-            text = message.text.strip() or error_text(message.code, message.argument)
-            return _Entry("controller", severity, text, message.label)
+            return _Entry("controller", severity, report_text(message), message.label)
         case RuntimeExceptionMessage():
             return _Entry("program", "error", f"line {message.line}, column {message.column}: {message.text}")
         case SafetyModeMessage():
@@ -218,6 +217,11 @@ def _entry(message: RobotMessage) -> _Entry | None:
             return _Entry("controller", "info", f"Connected to {message.project} {message.version}")
         case _:
             return None
+
+
+def report_text(message: ErrorCodeMessage) -> str:
+    """The text of a report; robots usually send only its code."""
+    return message.text.strip() or error_text(message.code, message.argument)
 
 
 def _safety_entry(mode: int) -> _Entry:

@@ -38,7 +38,13 @@ async def apply_tcp(station: Station, tcp: Sequence[float]) -> None:
 
 
 async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]) -> bool:
-    """Set the payload; returns whether the robot has confirmed it, which old versions cannot. Raises ClientError."""
+    """Set the payload; returns whether the robot has confirmed it, which old versions cannot. Raises ClientError.
+
+    It is set in parallel to the running program; on an emulator in local control, by a verb.
+    """
+    if station.emulator.available and station.remote_control.value is False:
+        await station.emulator.change("set_payload", mass_kg=mass_kg, cog_m=cog_m)
+        return True
     version = station.version
     name = "set_target_payload" if version is not None and _TARGET_PAYLOAD.covers(version) else "set_payload"
     script = f"{name}({float(mass_kg)!r}, {_script_list(cog_m)})"

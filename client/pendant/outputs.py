@@ -6,21 +6,14 @@ secondary program does it instead. Both work with the arm switched off.
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain
 from urproto.signals import DigitalGroup
 
-
-class Robot(Protocol):
-    """The part of `client.pendant.station.Station` that is needed here."""
-
-    async def write(self, **inputs: Any) -> None:
-        """Write RTDE inputs."""
-
-    async def run_statements(self, *statements: str) -> None:
-        """Run statements in a secondary program."""
+if TYPE_CHECKING:
+    from client.pendant.station import Station
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +37,14 @@ def analog_range(domain: int) -> Range:
     return Range(0.0, 10.0, "V", 1.0) if domain == AnalogDomain.VOLTAGE else Range(4.0, 20.0, "mA", 1000.0)
 
 
-async def set_digital(robot: Robot, group: DigitalGroup, index: int, level: bool) -> None:
+async def set_digital(station: "Station", group: DigitalGroup, index: int, level: bool) -> None:
     """Switch an output. Raises ClientError."""
     bit = 1 << index
     inputs = {f"{group.name}_digital_output_mask": bit, f"{group.name}_digital_output": bit if level else 0}
-    await _with_fallback(lambda: robot.write(**inputs), lambda: robot.run_statements(group.statement(index, level)))
+    await _with_fallback(lambda: station.write(**inputs), lambda: station.run_statements(group.statement(index, level)))
 
 
-async def set_analog(robot: Robot, index: int, domain: AnalogDomain, ratio: float) -> None:
+async def set_analog(station: "Station", index: int, domain: AnalogDomain, ratio: float) -> None:
     """Set the domain of an analog output and its level as a share of the range. Raises ClientError."""
     inputs = {
         "standard_analog_output_mask": 1 << index,
@@ -59,8 +52,8 @@ async def set_analog(robot: Robot, index: int, domain: AnalogDomain, ratio: floa
         f"standard_analog_output_{index}": ratio,
     }
     await _with_fallback(
-        lambda: robot.write(**inputs),
-        lambda: robot.run_statements(
+        lambda: station.write(**inputs),
+        lambda: station.run_statements(
             f"set_analog_outputdomain({index}, {domain:d})", f"set_standard_analog_out({index}, {ratio!r})"
         ),
     )

@@ -1,12 +1,15 @@
 """The page of one browser: the frame around the screens, and functions that all screens share."""
 
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from inspect import isawaitable
 from types import TracebackType
 from typing import Any, Final, TypeVar
 
 from nicegui import background_tasks, ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
+from nicegui.elements.mixins.value_element import ValueElement
+from nicegui.events import UploadEventArguments
 
 from client import dashboard
 from client.errors import ClientError
@@ -121,14 +124,15 @@ class Views:
 
 
 Control = TypeVar("Control", bound=DisableableElement)
-AsyncCallback = Callable[[], Awaitable[Any]]
+Callback = Callable[[], object]  # may return an awaitable
 
 
 class Page:
     """The page of one browser, passed to every screen that builds a part of it.
 
-    station: the robot, shared by all pages. live: the live values. confirmed: the user has agreed that this page may
-    move a real arm. on_close: called when the browser has disconnected.
+    station: the robot, shared by all pages. live: the live values. content: the parent of dialogues, which do not
+    belong to a screen. confirmed: the user has agreed that this page may move a real arm. on_close: called when the
+    browser has disconnected.
     """
 
     def __init__(self, station: Station, live: Live) -> None:
@@ -136,14 +140,9 @@ class Page:
         self.live = live
         self.confirmed = False
         self.on_close: list[Callable[[], None]] = []
-        self._content = ui.context.client.content
+        self.content = ui.context.client.content
         station.mover.on_error.append(self.show_error)
         live.on_held.append(self._stop_on_release)
-
-    @property
-    def content(self) -> ui.element:
-        """The parent of dialogues, which do not belong to a screen."""
-        return self._content
 
     def close(self) -> None:
         """The browser has disconnected for good."""
@@ -156,20 +155,22 @@ class Page:
 
     def show_error(self, text: str) -> None:
         """Show an error until a user has confirmed it."""
-        with self._content:
+        with self.content:
             ui.notify(text, type="negative", multi_line=True, close_button="OK", timeout=10_000, position="top")
 
     def show_message(self, text: str) -> None:
         """Show a message for a moment."""
-        with self._content:
+        with self.content:
             ui.notify(text, type="positive", timeout=2_000, position="top")
 
     # actions
 
-    async def attempt(self, action: AsyncCallback, done: str = "") -> bool:
+    async def attempt(self, action: Callback, done: str = "") -> bool:
         """Run an action and show its error, or the text ``done``. Returns True on success."""
         try:
-            await action()
+            result = action()
+            if isawaitable(result):
+                await result
         except EXPECTED_ERRORS as error:
             self.show_error(readable(str(error)))
             return False
@@ -177,7 +178,7 @@ class Page:
             self.show_message(done)
         return True
 
-    def handler(self, action: AsyncCallback, done: str = "") -> Callable[[], Awaitable[None]]:
+    def handler(self, action: Callback, done: str = "") -> Callable[[], Awaitable[None]]:
         """An event handler that attempts an action.
 
         Example: ``ui.button("Off", on_click=page.handler(lambda: station.request(dashboard.POWER_OFF)))``.
@@ -188,7 +189,7 @@ class Page:
 
         return click
 
-    def run_in_background(self, action: AsyncCallback) -> None:
+    def run_in_background(self, action: Callback) -> None:
         """Start an action from synchronous code; errors are shown."""
         background_tasks.create(self.attempt(action))
 
@@ -237,14 +238,40 @@ class Page:
 
     async def confirm(self, title: str, text: str, yes: str, test_id: str = "agree") -> bool:
         """Ask the user of this browser. test_id: of the button that agrees."""
-        with self._content, ui.dialog() as dialog, ui.card():
-            ui.label(title).classes("text-h6")
+        with self._question(title) as dialog:
             ui.label(text)
-            with ui.row().classes("w-full justify-end"):
-                ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat")
-                ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"data-testid={test_id}")
-            dialog.on("hide", dialog.delete)  # if it is deleted earlier, its backdrop may stay
+            _answers(dialog, yes, lambda: True, test_id)
         return bool(await dialog)
+
+    async def request_value(
+        self, title: str, add_field: Callable[[], ValueElement[Any]], yes: str, test_id: str
+    ) -> Any:
+        """Ask the user for the value of a field; None if cancelled. test_id: of the button that submits it."""
+        with self._question(title) as dialog:
+            field = add_field()
+            field.on("keydown.enter", lambda: dialog.submit(field.value))
+            _answers(dialog, yes, lambda: field.value, test_id)
+        return await dialog
+
+    async def choose(self, title: str, names: Sequence[str], empty: str, test_id: str, other: str = "") -> str | None:
+        """Let the user choose a name; None if cancelled. empty: a text without names. other: a button that gives ""."""
+        with self._question(title, "run-files") as dialog:
+            if not names:
+                ui.label(empty)
+            with ui.list().props("dense separator").classes("run-file-list"):
+                for name in names:
+                    ui.item(name, on_click=lambda name=name: dialog.submit(name)).props(f"data-testid={test_id}")
+            _answers(dialog, other, lambda: "", f"{test_id}-other")
+        answer: str | None = await dialog
+        return answer
+
+    @contextmanager
+    def _question(self, title: str, classes: str = "") -> Iterator[ui.dialog]:
+        """A dialog with a title."""
+        with self.content, ui.dialog() as dialog, ui.card().classes(classes):
+            ui.label(title).classes("text-h6")
+            yield dialog
+            dialog.on("hide", dialog.delete)  # if it is deleted earlier, its backdrop may stay
 
     def _stop_on_release(self, held: Any) -> None:
         if held is None:
@@ -252,7 +279,7 @@ class Page:
 
     # common parts
 
-    def bind_button(self, action: Action, callback: AsyncCallback, button: ui.button, hint: str = "") -> None:
+    def bind_button(self, action: Action, callback: Callback, button: ui.button, hint: str = "") -> None:
         """Bind a button to an action. While it is not permitted, the button is disabled and its tooltip says why."""
         button.on_click(self.handler(callback))
         self.live.effect(lambda s: s.situation.permits(action), button.set_enabled)
@@ -262,6 +289,11 @@ class Page:
         """Disable an element while the robot does not answer, which the banner at the top says. Returns the element."""
         self.live.effect(lambda s: s.connected, element.set_enabled)
         return element
+
+    def fact(self, name: str, read: Callable[[Station], str]) -> ui.element:
+        """A name and a live text, two cells of a grid. Returns the text."""
+        ui.label(name)
+        return self.live.text(read)
 
     def program_buttons(self, props: str, test_id_prefix: str) -> None:
         """Buttons to play, pause and stop the program."""
@@ -278,9 +310,35 @@ class Page:
         element.set_visibility(read(self.station))
         self.live.effect(read, element.set_visibility)
 
+    def picker(
+        self, accept: str, test_id: str, use: Callable[[bytes, str], object], what: str, max_mb: int = 2, done: str = ""
+    ) -> Callable[[], object]:
+        """A hidden field for a file of the browser's machine. Returns the function that lets the user choose one.
+
+        use: called with the content and the name of the file. what: the kind of file, as the subject of a sentence.
+        """
+
+        async def read(upload: UploadEventArguments) -> None:
+            content = await upload.file.read()
+            await self.attempt(lambda: use(content, upload.file.name), done)
+            field.reset()
+
+        field = ui.upload(on_upload=read, auto_upload=True, max_file_size=max_mb * 1_000_000).classes("hidden")
+        field.on("rejected", lambda: self.show_error(f"{what} has at most {max_mb} MB"))
+        field.props(f'accept="{accept}" data-testid={test_id}')
+        return lambda: field.run_method("pickFiles")
+
     @contextmanager
     def panel(self, title: str, classes: str = "") -> Iterator[ui.card]:
         """A card with a title."""
         with ui.card().classes(f"panel {classes}") as card:
             ui.label(title).classes("panel-title")
             yield card
+
+
+def _answers(dialog: ui.dialog, yes: str, answer: Callable[[], Any], test_id: str) -> None:
+    """The buttons of a dialog: Cancel, and one with the text ``yes`` unless that is empty."""
+    with ui.row().classes("w-full justify-end"):
+        ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat no-caps")
+        if yes:
+            ui.button(yes, on_click=lambda: dialog.submit(answer())).props(f"no-caps data-testid={test_id}")

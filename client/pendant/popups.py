@@ -7,10 +7,10 @@ from nicegui import ui
 
 from client import dashboard
 from client.pendant.dialogues import ANSWERABLE, Dialogue, parse_answer
+from client.pendant.events import report_text
 from client.pendant.page import Page
 from client.pendant.situation import Action
 from client.pendant.station import Station
-from urproto.errorcodes import error_text
 from urproto.modes import RequestedType
 
 _NOT_ANSWERABLE: Final = "This question can be answered on the robot's own pendant only."
@@ -137,5 +137,4 @@ def _cause(station: Station) -> str:
     stop = station.stops.current
     if stop is None or stop.cause is None:
         return "The robot has not said why."
-    report = stop.cause
-    return f"{report.label}: {report.text.strip() or error_text(report.code, report.argument)}"
+    return f"{stop.cause.label}: {report_text(stop.cause)}"

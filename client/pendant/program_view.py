@@ -37,10 +37,13 @@ class FormField:
     title: str
     kind: str
     unit: str
+    low: float | None
+    high: float | None
+    choices: tuple[tuple[str, str], ...]
     optional: bool
     help: str
-    choices: tuple[tuple[str, str], ...]
     value: Any
+    node: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,18 +160,10 @@ class ProgramView:
     def _build_form(self, node: str) -> tuple[FormField, ...]:
         if not self.has(node):
             return ()
+        fields = self._editor().form(node)["fields"]
         return tuple(
-            FormField(
-                field["key"],
-                field["title"],
-                field["kind"],
-                field["unit"],
-                field["optional"],
-                field["help"],
-                tuple((choice["value"], choice["title"]) for choice in field["choices"]),
-                field["value"],
-            )
-            for field in self._editor().form(node)["fields"]
+            FormField(**field | {"choices": tuple((choice["value"], choice["title"]) for choice in field["choices"])})
+            for field in fields
         )
 
     def value(self, node: str, key: str) -> Any:

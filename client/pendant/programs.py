@@ -19,6 +19,7 @@ from urproto.primary.messages import (
     ProgramThread,
     ProgramThreadsMessage,
 )
+from urscript.polyscope.outline import OutlineNode
 
 Answer = TypeVar("Answer")
 
@@ -28,21 +29,11 @@ _LINE_FIELD: Final = "script_control_line"
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
-    """A node of a program tree. number: as in the labels of the program."""
-
-    number: int
-    depth: int
-    text: str
-    suppressed: bool
-
-
-@dataclass(frozen=True, slots=True)
 class ShownProgram:
     """A program that is shown. text: its script. running: the lines and labels that the robot reports are of it."""
 
     text: str = ""
-    tree: tuple[Node, ...] = ()
+    tree: tuple[OutlineNode, ...] = ()
     running: bool = False
 
 
@@ -166,4 +157,4 @@ class Programs:
 
 
 def _parse_shown(answer: dict[str, Any]) -> ShownProgram:
-    return ShownProgram(answer["text"], tuple(Node(**node) for node in answer["tree"]), answer["running"])
+    return ShownProgram(answer["text"], tuple(OutlineNode(**node) for node in answer["tree"]), answer["running"])

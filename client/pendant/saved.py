@@ -11,6 +11,7 @@ from urproto.durable import write_file
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 from urproto.text import json_document
+from urproto.vectors import as_six
 
 _QUARTER_TURN: Final = 1.5707963267948966
 BUILT_IN: Final[Mapping[str, Joints]] = {
@@ -21,117 +22,6 @@ BUILT_IN: Final[Mapping[str, Joints]] = {
 
 _T = TypeVar("_T")
 _MAX_NAME_LENGTH: Final = 60
-
-
-class Tools:
-    """TCPs in a JSON file ``{"gripper": [x, y, z, rx, ry, rz]}`` [m, rad]; without a file, in memory only.
-
-    Raises FileError if the file cannot be read or written, and ValueError for an invalid TCP.
-    """
-
-    def __init__(self, path: Path | None) -> None:
-        self._saved = JsonFile(path, _parse_tools, "TCPs")
-
-    @property
-    def version(self) -> int:
-        """Number of changes."""
-        return self._saved.version
-
-    @property
-    def all(self) -> Mapping[str, Pose]:
-        """All TCPs by name, sorted."""
-        return self._saved.content
-
-    @property
-    def loaded(self) -> Mapping[str, Pose]:
-        """Like ``all``, but empty before that was first read."""
-        return self._saved.loaded
-
-    def save(self, name: str, tcp: Sequence[float]) -> None:
-        """Save a TCP; another one with this name is replaced."""
-        self._change({**self.all, checked_name(name, "a TCP"): _checked_tcp(tcp)})
-
-    def delete(self, name: str) -> None:
-        """Delete an entry, if it exists."""
-        self._change({other: tcp for other, tcp in self.all.items() if other != name})
-
-    def _change(self, tools: Mapping[str, Pose]) -> None:
-        self._saved.change(dict(sorted(tools.items())))
-
-
-def _checked_tcp(values: Any) -> Pose:
-    numbers = isinstance(values, Sequence) and all(isinstance(value, int | float) for value in values)
-    if not numbers or len(values) != 6 or not all(map(isfinite, values)):
-        raise ValueError(f"a TCP is six numbers, x, y, z [m], rx, ry, rz [rad], not {values!r}")
-    x, y, z, rx, ry, rz = map(float, values)
-    return (x, y, z, rx, ry, rz)
-
-
-def _parse_tools(content: Any) -> dict[str, Pose]:
-    return {str(name): _checked_tcp(tcp) for name, tcp in content.items()}
-
-
-class Poses:
-    """Poses in a JSON file ``{"ur5e": {"above the box": [six angles in rad]}}``; without a file, in memory only.
-
-    Raises FileError if the file cannot be read or written, and ValueError for an invalid name.
-    """
-
-    def __init__(self, path: Path | None) -> None:
-        self._saved = JsonFile(path, _parse_poses, "poses")
-
-    @property
-    def version(self) -> int:
-        """Number of changes."""
-        return self._saved.version
-
-    def for_model(self, model: str) -> dict[str, Joints]:
-        """The saved poses of a model by name, sorted."""
-        return dict(sorted(self._saved.content.get(model, {}).items()))
-
-    def save(self, model: str, name: str, q_rad: Sequence[float]) -> None:
-        """Save a pose; another one with this name is replaced."""
-        self._change(model, self.for_model(model) | {_checked_pose_name(name): _joint_angles(q_rad)})
-
-    def delete(self, model: str, name: str) -> None:
-        """Delete an entry, if it exists."""
-        poses = self.for_model(model)
-        poses.pop(name, None)
-        self._change(model, poses)
-
-    def rename(self, model: str, old: str, new: str) -> None:
-        """Rename a pose. Raises ValueError if another one has the new name."""
-        poses, new = self.for_model(model), _checked_pose_name(new)
-        if old not in poses:
-            raise ValueError(f"the pose {old!r} no longer exists")
-        if new != old and new in poses:
-            raise ValueError(f"a pose called {new!r} already exists: delete it first or choose another name")
-        self._change(model, {new if name == old else name: q for name, q in poses.items()})
-
-    def _change(self, model: str, poses: dict[str, Joints]) -> None:
-        self._saved.change({**self._saved.content, model: poses})
-
-
-def _checked_pose_name(name: str) -> str:
-    name = checked_name(name, "a pose")
-    if name in BUILT_IN:
-        raise ValueError(f"{name} is a predefined pose: choose another name")
-    return name
-
-
-def _joint_angles(values: Any) -> Joints:
-    if not isinstance(values, Sequence) or len(values) != 6 or not all(map(_is_angle, values)):
-        raise ValueError(f"a pose is six joint angles [rad], not {values!r}")
-    a, b, c, d, e, f = map(float, values)
-    return (a, b, c, d, e, f)
-
-
-def _is_angle(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
-
-
-def _parse_poses(content: Any) -> dict[str, dict[str, Joints]]:
-    return {model: {name: _joint_angles(q) for name, q in poses.items()} for model, poses in content.items()}
 
 
 class JsonFile(Generic[_T]):
@@ -180,6 +70,93 @@ class JsonFile(Generic[_T]):
             ) from error
 
 
+class Tools(JsonFile[Pose]):
+    """TCPs in a JSON file ``{"gripper": [x, y, z, rx, ry, rz]}`` [m, rad]; without a file, in memory only.
+
+    Raises FileError if the file cannot be read or written, and ValueError for an invalid TCP.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        super().__init__(path, _parse_tools, "TCPs")
+
+    def save(self, name: str, tcp: Sequence[float]) -> None:
+        """Save a TCP; another one with this name is replaced."""
+        tools = {**self.content, checked_name(name, "a TCP"): _checked_tcp(tcp)}
+        self.change(dict(sorted(tools.items())))
+
+    def delete(self, name: str) -> None:
+        """Delete an entry, if it exists."""
+        self.change({other: tcp for other, tcp in self.content.items() if other != name})
+
+
+def _checked_tcp(values: Any) -> Pose:
+    return _six(values, "a TCP is six numbers, x, y, z [m], rx, ry, rz [rad]")
+
+
+def _parse_tools(content: Any) -> dict[str, Pose]:
+    return {str(name): _checked_tcp(tcp) for name, tcp in content.items()}
+
+
+class Poses(JsonFile[dict[str, Joints]]):
+    """Poses in a JSON file ``{"ur5e": {"above the box": [six angles in rad]}}``; without a file, in memory only.
+
+    Raises FileError if the file cannot be read or written, and ValueError for an invalid name.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        super().__init__(path, _parse_poses, "poses")
+
+    def for_model(self, model: str) -> dict[str, Joints]:
+        """The saved poses of a model by name, sorted."""
+        return dict(sorted(self.content.get(model, {}).items()))
+
+    def save(self, model: str, name: str, q_rad: Sequence[float]) -> None:
+        """Save a pose; another one with this name is replaced."""
+        self._replace(model, self.for_model(model) | {_checked_pose_name(name): _joint_angles(q_rad)})
+
+    def delete(self, model: str, name: str) -> None:
+        """Delete an entry, if it exists."""
+        self._replace(model, {other: q for other, q in self.for_model(model).items() if other != name})
+
+    def rename(self, model: str, old: str, new: str) -> None:
+        """Rename a pose. Raises ValueError if another one has the new name."""
+        poses, new = self.for_model(model), _checked_pose_name(new)
+        if old not in poses:
+            raise ValueError(f"the pose {old!r} no longer exists")
+        if new != old and new in poses:
+            raise ValueError(f"a pose called {new!r} already exists: delete it first or choose another name")
+        self._replace(model, {new if name == old else name: q for name, q in poses.items()})
+
+    def _replace(self, model: str, poses: dict[str, Joints]) -> None:
+        self.change({**self.content, model: poses})
+
+
+def _checked_pose_name(name: str) -> str:
+    name = checked_name(name, "a pose")
+    if name in BUILT_IN:
+        raise ValueError(f"{name} is a predefined pose: choose another name")
+    return name
+
+
+def _joint_angles(values: Any) -> Joints:
+    return _six(values, "a pose is six joint angles [rad]")
+
+
+def _parse_poses(content: Any) -> dict[str, dict[str, Joints]]:
+    return {model: {name: _joint_angles(q) for name, q in poses.items()} for model, poses in content.items()}
+
+
+def _six(values: Any, required: str) -> Joints:
+    """Six numbers. Raises ValueError, which says what is required, for anything else."""
+    if not isinstance(values, Sequence) or len(values) != 6 or not all(map(_is_number, values)):
+        raise ValueError(f"{required}, not {values!r}")
+    return as_six(values)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
 def checked_name(name: str, subject: str) -> str:
     """Normalise the spaces of a name. Raises ValueError if it is empty or too long."""
     name = " ".join(name.split())
@@ -190,8 +167,6 @@ def checked_name(name: str, subject: str) -> str:
 
 def write_json(path: Path, content: Any) -> None:
     """Replace a file atomically. Raises FileError."""
-    try:
+    with FileError.accessing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, json.dumps(content, indent=1) + "\n")
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error

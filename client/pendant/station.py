@@ -207,8 +207,7 @@ class Station:
     @property
     def planning_scene(self) -> MonitoredScene | None:
         """This arm and its obstacles, for motion planning; None until they are known, see ``scene_monitor.problem``."""
-        world = self.emulator.watch("world").value if self.emulator.available else None
-        offset = self.values.get("tcp_offset")
+        offset, world = self.values.get("tcp_offset"), self.emulator.read("world")
         return self.scene_monitor.update(
             SceneSources(self._core.configuration, self._core.kinematics, offset and tuple(offset), world)
         )
@@ -216,7 +215,7 @@ class Station:
     @property
     def has_surroundings(self) -> bool:
         """Whether obstacles around the arm are known."""
-        world = self.emulator.watch("world").value if self.emulator.available else None
+        world = self.emulator.read("world")
         return self.scene_monitor.file is not None or bool(world and world["objects"])
 
     @property
@@ -265,9 +264,7 @@ class Station:
         return self._is_active("safeguard")
 
     def _is_active(self, device: str) -> bool | None:
-        if not self.emulator.available:
-            return None
-        devices: Mapping[str, bool] = self.emulator.watch("safety_devices").value or {}
+        devices: Mapping[str, bool] = self.emulator.read("safety_devices") or {}
         return devices.get(device)
 
     @property

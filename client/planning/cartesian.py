@@ -22,6 +22,7 @@ from client.planning.lines import TURN_RAD_M, StraightLine
 from client.planning.parameterisation import Array
 from client.planning.path import PiecewisePath
 from urproto.robots import Joints
+from urproto.vectors import as_six
 
 _MIN_STEPS: Final = 10  # over which the average step is taken, as MoveIt's MIN_STEPS_FOR_JUMP_THRESH
 _BLEND_SHARE: Final = 0.45  # largest share of a line that the blend at its end may take
@@ -62,8 +63,7 @@ def cartesian_motions(
             steps = max(_MIN_STEPS, int(np.ceil(max(line.length_m, line.turn_rad / TURN_RAD_M) / max_step_m)))
             path, share, reason = _truncate(checker, path, share, reason, steps, jump_thresholds, avoid_collisions)
         if path is not None:
-            a, b, c, d, e, f = path.at(path.length)[:6].tolist()
-            q = (a, b, c, d, e, f)
+            q = as_six(path.at(path.length)[:6])
             segments.append(
                 PlannedSegment(path, (segments[-1].waypoints[-1] if segments else start, q), interpolator.pose)
             )

@@ -13,7 +13,7 @@ from client.planning.parameterisation import Array
 from client.planning.scene import PlanningScene
 from client.quantities import check_fields
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
-from urproto.vectors import ZERO6, Vector3
+from urproto.vectors import ZERO6, Vector3, as_six
 
 _RESOLUTION_RAD: Final = 0.02  # between checks on a path (guess): the TCP rotates by less than six times this
 _AXES: Final = ("x", "y", "z")
@@ -124,9 +124,8 @@ class ConstrainedChecker(CollisionChecker):
         return self.constraints.excess(self._pose(q_rad))
 
     def _pose(self, q_rad: Sequence[float] | Array) -> Pose:
-        a, b, c, d, e, f = (float(angle) for angle in q_rad)
         offset = self.constraints.tcp_offset
-        return self.scene.kinematics.forward((a, b, c, d, e, f), ZERO6 if offset is None else offset)
+        return self.scene.kinematics.forward(as_six(q_rad), ZERO6 if offset is None else offset)
 
 
 def _excess_over(values: Array, limit: Array) -> Array:

@@ -16,7 +16,7 @@ from urproto.robots import Joints, RobotModel
 from urproto.robots.kinematics import unwind
 from urproto.robots.pose import pose_inv, pose_trans
 from urproto.text import quoted, unknown
-from urproto.vectors import ZERO6, Vector3
+from urproto.vectors import ZERO6, Vector3, as_six
 
 NAMED_CONFIGURATIONS: Final[dict[str, Joints]] = {
     "home": (0.0, -pi / 2, 0.0, 0.0, 0.0, 0.0),
@@ -123,9 +123,9 @@ def _configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionCh
             raise GoalUnreachableError(unknown("configuration", goal.name, NAMED_CONFIGURATIONS))
         return [NAMED_CONFIGURATIONS[goal.name]]
     if isinstance(goal, JointGoal):
-        a, b, c, d, e, f = (float(value) for value in goal.q_rad)
-        _check_limits((a, b, c, d, e, f), model)
-        return [(a, b, c, d, e, f)]
+        q = as_six(goal.q_rad)
+        _check_limits(q, model)
+        return [q]
     flange = pose_trans(goal.pose, pose_inv(ZERO6 if goal.tcp_offset is None else goal.tcp_offset))
     solutions = checker.scene.kinematics.inverse_all(flange, start_rad)
     if not solutions:
@@ -157,8 +157,7 @@ def _with_full_turns(q: Joints, start_rad: Sequence[float], low: Joints, high: J
     for i, (angle, start) in enumerate(zip(q, start_rad, strict=True)):
         turned = angle - tau if angle > start else angle + tau
         if abs(turned - start) <= _MAX_TURN_RAD and low[i] <= turned <= high[i]:
-            a, b, c, d, e, f = (turned if k == i else q[k] for k in range(6))
-            yield (a, b, c, d, e, f)
+            yield as_six(turned if k == i else q[k] for k in range(6))
 
 
 def _check_limits(q_rad: Joints, model: RobotModel) -> None:

@@ -30,7 +30,7 @@ from client.planning.path import PiecewisePath, RoundedPath, concatenate, hermit
 from client.quantities import check_fields
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO6
+from urproto.vectors import ZERO6, as_six
 
 INDUSTRIAL: Final = ("PTP", "LIN", "CIRC")
 
@@ -182,8 +182,7 @@ def first_collision(checker: CollisionChecker, path: PiecewisePath) -> tuple[int
         at = path.piece_function(piece)
         where = checker.blocked_at(at, path.max_travel(piece)[:6])
         if where is not None:
-            a, b, c, d, e, f = at(where).tolist()
-            return piece, (a, b, c, d, e, f)
+            return piece, as_six(at(where))
     return None
 
 

@@ -18,7 +18,7 @@ from client.planning.parameterisation import Array
 from client.planning.path import PiecewisePath, hermite
 from urproto.robots import Joints, Kinematics, RobotModel
 from urproto.robots.pose import Pose, interpolate_pose, pose_inv, pose_trans, rotvec_to_matrix
-from urproto.vectors import Vector3
+from urproto.vectors import Vector3, as_six
 
 COLUMNS: Final = 8
 """Columns of such a path: the joints [rad], then the distance [m] and rotation [rad] of the TCP since its start."""
@@ -226,8 +226,7 @@ class CartesianInterpolator:
         )
 
     def _jacobian(self, q: Sequence[float] | Array) -> Array:
-        a, b, c, d, e, f = (float(angle) for angle in q)
-        return np.array(self._kinematics.jacobian((a, b, c, d, e, f), self._tcp))
+        return np.array(self._kinematics.jacobian(as_six(q), self._tcp))
 
     def _is_accurate(self, tool_path: ToolPath, low: float, high: float, piece: Array) -> bool:
         q = (0.5 * (high - low)) ** np.arange(6) @ piece

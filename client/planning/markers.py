@@ -104,9 +104,8 @@ def path_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Mark
 def read_plan(path: Path) -> Array:
     """The configurations (n, 6) [rad] of a plan that ``ur-client plan --json`` printed. Raises FileError."""
     try:
-        path_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
+        with FileError.accessing(path):
+            path_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
     except (ValueError, TypeError, KeyError, RecursionError):
         path_rad = np.empty(0)
     if path_rad.shape[1:] != (6,) or not np.isfinite(path_rad).all():

@@ -42,6 +42,7 @@ from client.planning.task_space import TaskSpaceSearch
 from client.quantities import checked
 from urproto.robots import Joints, RobotModel
 from urproto.text import quoted, unknown
+from urproto.vectors import as_six
 
 PlannerName = Literal["RRTConnect", "RRTstar", "PRM", "PTP", "LIN", "CIRC"]
 PLANNERS: Final[tuple[str, ...]] = get_args(PlannerName)
@@ -184,7 +185,7 @@ class Planner:
             if item.planner not in PLANNERS:
                 raise PlanningError(unknown("planner", item.planner, PLANNERS))
         limits = self.limits.scaled(velocity_scaling, acceleration_scaling)
-        start = _as_joints(start_rad)
+        start = as_six(start_rad)
         began_s = time.perf_counter()
         self.check_start(start)
         segments: list[PlannedSegment] = []
@@ -234,7 +235,7 @@ class Planner:
         StartInCollisionError, PlanningError.
         """
         limits = self.limits.scaled(velocity_scaling, acceleration_scaling)
-        start = _as_joints(start_rad)
+        start = as_six(start_rad)
         began_s = time.perf_counter()
         if avoid_collisions:
             self.check_start(start)
@@ -288,7 +289,7 @@ class Planner:
         path = self._shortcut(path, Random(seed))
         curve = self._rounded(path).with_columns(COLUMNS) if len(path) > 1 else None
         pose_of = interpolator_for(self.checker, item.goal).pose
-        return PlannedSegment(curve, tuple(_as_joints(q) for q in path), pose_of, time.perf_counter() - began_s)
+        return PlannedSegment(curve, tuple(as_six(q) for q in path), pose_of, time.perf_counter() - began_s)
 
     def _check_free(self, part: BlendedMotion, items: Sequence[MotionSequenceItem]) -> None:
         """Raise IncompletePathError if a motion is in collision. Motions from a search alone were checked already."""
@@ -308,7 +309,7 @@ class Planner:
             f"{which} is free for {100 * fraction:.0f} % of its path, then {self.checker.violation(q)}. To plan around "
             "it, use RRTConnect",
             fraction,
-            _as_joints(part.path.at(float(part.path.starts[piece]))[:6]),
+            as_six(part.path.at(float(part.path.starts[piece]))[:6]),
         )
 
     # searching
@@ -409,11 +410,6 @@ def _interpolated(path: Sequence[Array], ends: Array, i: int, distance: float) -
     share = (distance - float(ends[i])) / float(ends[i + 1] - ends[i])
     at: Array = path[i] + share * (path[i + 1] - path[i])
     return at
-
-
-def _as_joints(q: Sequence[float] | Array) -> Joints:
-    a, b, c, d, e, f = (float(value) for value in q)
-    return (a, b, c, d, e, f)
 
 
 def _planner_names(items: Sequence[MotionSequenceItem]) -> str:

@@ -18,7 +18,7 @@ from client.quantities import QUANTITIES, check_fields, checked
 from urproto.errors import LocalProtocolError
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import Pose, pose_inv, pose_trans
-from urproto.vectors import ZERO6, Vector3
+from urproto.vectors import ZERO6, Vector3, as_six
 from urproto.worldfile import ObjectDescription, WorldFileError, read_world_file
 from urscript.polyscope.document import DocumentError, read_document
 from urscript.polyscope.safety_configuration import BoundaryMode, SafetyConfiguration
@@ -300,8 +300,7 @@ def _pose(name: str, pose: Sequence[float]) -> Pose:
         QUANTITIES["pose"].check(pose)
     except LocalProtocolError as error:
         raise SceneError(f"{name}: {error}") from None
-    x, y, z, rx, ry, rz = map(float, pose)
-    return (x, y, z, rx, ry, rz)
+    return as_six(pose)
 
 
 def read_safety(path: Path) -> SafetyConfiguration:

@@ -14,12 +14,13 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from queue import SimpleQueue
-from types import TracebackType
+from types import SimpleNamespace, TracebackType
 from typing import IO, Any, BinaryIO, Final, NamedTuple
 
 from client.errors import RecordingError
 from client.recording.files import Recorder, field_names
 from client.recording.recording import DEFAULT_FIELDS, Info
+from client.recording.topics import POINT_FIELDS, POINTS
 from urproto.compat import Self
 
 _READY: Final = b"ready\n"
@@ -29,24 +30,6 @@ _PROGRAM: Final = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from
 _COMMAND: Final = ("-I", "-c", f"{_PROGRAM}; sys.exit(background.work(sys.stdin.buffer))")
 
 _logger = logging.getLogger(__name__)
-
-
-class _State(NamedTuple):
-    """The recorded part of a controller's state; its points are `_Point`."""
-
-    time_s: float
-    joint_names: tuple[str, ...]
-    reference: Any
-    feedback: Any
-    error: Any
-    output: Any
-
-
-class _Point(NamedTuple):
-    positions: tuple[float, ...]
-    velocities: tuple[float, ...]
-    accelerations: tuple[float, ...]
-    effort: tuple[float, ...]
 
 
 class _Markers(NamedTuple):
@@ -164,12 +147,12 @@ def _plain(item: Any) -> Any:
     if isinstance(item, _Markers) or not isinstance(item[0], str):
         return item
     name, state = item
-    points = (_point(getattr(state, kind)) for kind in ("reference", "feedback", "error", "output"))
-    return name, _State(state.time_s, state.joint_names, *points)
+    points = {point: _copied(getattr(state, point), *POINT_FIELDS) for point in POINTS}
+    return name, SimpleNamespace(**vars(_copied(state, "time_s", "joint_names")), **points)
 
 
-def _point(point: Any) -> _Point:
-    return _Point(point.positions, point.velocities, point.accelerations, point.effort)
+def _copied(source: Any, *names: str) -> SimpleNamespace:
+    return SimpleNamespace(**{name: getattr(source, name) for name in names})
 
 
 # the process

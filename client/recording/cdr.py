@@ -10,7 +10,7 @@ import re
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from client.errors import RecordingError
 from urproto.text import readable
@@ -116,6 +116,14 @@ class MessageType:
             return _number(_NUMBERS[kind]) if count is None else _numbers(_NUMBERS[kind], count)
         put, get = (_put_string, _get_string) if kind == "string" else self._codec(kind, parent)
         return (put, get) if count is None else _sequence_codec(put, get, count)
+
+
+class Message(NamedTuple):
+    """An encoded message, and the name of its topic."""
+
+    topic: str
+    type: MessageType
+    data: bytes
 
 
 class _Cursor:

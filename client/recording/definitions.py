@@ -4,11 +4,11 @@ They are the fields of common_interfaces, tf2_msgs, control_msgs (Jazzy), ur_msg
 include them, so none of these packages needs to be installed.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
-from client.recording.cdr import MessageType
+from client.recording.cdr import Message, MessageType
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 RTDE_TYPE: Final = "ur_client_msgs/msg/RTDEState"
@@ -171,6 +171,22 @@ _FIELDS: Final = {
 def message_type(name: str) -> MessageType:
     """Look up a message type by name, such as ``sensor_msgs/msg/JointState``."""
     return _complete(name, _FIELDS[name.replace("/msg/", "/")])
+
+
+def message(topic: str, type_name: str, values: Mapping[str, Any]) -> Message:
+    """Encode a message; fields left out are zero or empty."""
+    kind = message_type(type_name)
+    return Message(topic, kind, kind.encode(values))
+
+
+def xyz(values: Sequence[float]) -> dict[str, float]:
+    """The fields of a geometry_msgs/Point or Vector3."""
+    return dict(zip("xyz", values, strict=True))
+
+
+def xyzw(values: Sequence[float]) -> dict[str, float]:
+    """The fields of a geometry_msgs/Quaternion."""
+    return dict(zip("xyzw", values, strict=True))
 
 
 def rtde_type(names: Iterable[str]) -> MessageType:

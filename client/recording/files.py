@@ -14,12 +14,14 @@ import numpy as np
 
 from client.cameras import Shot
 from client.errors import RecordingError
+from client.recording.cdr import Message
 from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.output import OutputFile
+from client.recording.pictures import Pictures
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
 from client.recording.timestamps import Stamps
-from client.recording.topics import markers_message
+from client.recording.topics import controller_message, markers_message
 from client.rtde import unknown_fields
 from urproto.compat import Self
 from urproto.rtde.fields import MAX_TIMESTAMP_S
@@ -84,6 +86,7 @@ class Recorder:
         self._closed = self._published = False
         self._writer = open_writer(self.path, self.names, info or {})
         self._stamps = Stamps(now_ns)
+        self._pictures = Pictures()
 
     def __enter__(self) -> Self:
         return self
@@ -122,41 +125,38 @@ class Recorder:
             self._writer.write({name: values[name] for name in self.names}, time_ns)
 
     def write_controller(self, controller: str, state: Any) -> None:
-        """Add the state of a trajectory controller; see `McapWriter.write_controller`. Its time_s is robot time.
+        """Add the state of a trajectory controller; see `controller_message`. Its time_s is robot time.
 
         Raises RecordingError unless the file is an MCAP file.
         """
-        writer, time_ns = self._mcap("states of controllers"), self._stamps.of(state.time_s)
-        if time_ns is not None and not self._failure:
-            with self._recording_failure():
-                writer.write_controller(controller, state, time_ns)
+        self._add(
+            "states of controllers",
+            self._stamps.of(state.time_s),
+            lambda time_ns: [controller_message(controller, state, time_ns)],
+        )
 
     def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_s: float) -> None:
         """Add markers for 3D views at a robot time [s]. markers: fields of visualization_msgs/Marker.
 
         Raises RecordingError, and leaves the file as it is, unless the file is an MCAP file and the markers are valid.
         """
-        writer, message, time_ns = self._mcap("markers"), markers_message(markers), self._stamps.of(time_s)
-        if time_ns is not None and not self._failure:
-            with self._recording_failure():
-                writer.write_markers(topic, message, time_ns)
-
-    def _mcap(self, what: str) -> McapWriter:
-        if not isinstance(self._writer, McapWriter):
-            raise RecordingError(f"{self.path}: only .mcap files can contain {what}")
-        return self._writer
+        message = markers_message(topic, markers)
+        self._add("markers", self._stamps.of(time_s), lambda _: [message])
 
     def write_shot(self, shot: Shot) -> None:
         """Add a camera image; images before the first state are left out.
 
         Raises RecordingError unless the file is an MCAP file.
         """
+        self._add("camera images", self._stamps.at(shot.time_s), lambda time_ns: self._pictures.encoded(shot, time_ns))
+
+    def _add(self, what: str, time_ns: int | None, messages: Callable[[int], Iterable[Message]]) -> None:
         if not isinstance(self._writer, McapWriter):
-            raise RecordingError(f"{self.path}: only .mcap files can contain camera images")
-        time_ns = self._stamps.at(shot.time_s)
+            raise RecordingError(f"{self.path}: only .mcap files can contain {what}")
         if time_ns is not None and not self._failure:
             with self._recording_failure():
-                self._writer.write_shot(shot, time_ns)
+                for message in messages(time_ns):
+                    self._writer.add(message, time_ns)
 
     def close(self) -> None:
         """Finish the file; closing it twice is allowed."""

@@ -10,11 +10,11 @@ from urllib.parse import urlsplit
 
 from client.cameras import Shot
 from client.errors import RecordingError
-from client.recording.cdr import MessageType
-from client.recording.definitions import message_type
+from client.recording.cdr import Message, MessageType
+from client.recording.definitions import message
 from client.recording.extras import extra
 from client.recording.pictures import Pictures
-from client.recording.topics import MarkerTopic, Topics, markers_message
+from client.recording.topics import Topics, markers_message
 
 if TYPE_CHECKING:
     from foxglove import Channel
@@ -149,7 +149,7 @@ class FoxgloveServer:
             import foxglove
         self._topics = Topics(names)
         self._pictures = Pictures()
-        self._urdf = message_type("std_msgs/msg/String").encode({"data": urdf}) if urdf else b""
+        self._urdf = message("/robot_description", "std_msgs/msg/String", {"data": urdf}) if urdf else None
         self._described_ns = 0
         self._context = foxglove.Context()
         self._channels: dict[str, Channel] = {}
@@ -167,24 +167,27 @@ class FoxgloveServer:
 
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
         """Publish a state."""
-        for topic, data in self._topics.encoded(values, time_ns):
-            self._channel(topic.name, topic.type).log(data, log_time=time_ns)
+        for one in self._topics.encoded(values, time_ns):
+            self._log(one, time_ns)
         if self._urdf and not 0 <= time_ns - self._described_ns < _DESCRIPTION_NS:
-            self._channel("/robot_description", message_type("std_msgs/msg/String")).log(self._urdf, log_time=time_ns)
+            self._log(self._urdf, time_ns)
             self._described_ns = time_ns
 
     def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_ns: int) -> None:
         """Publish a visualization_msgs/msg/MarkerArray; see `Recorder.write_markers`."""
-        self._channel(topic, MarkerTopic(topic).type).log(markers_message(markers), log_time=time_ns)
+        self._log(markers_message(topic, markers), time_ns)
 
     def write_shot(self, shot: Shot, time_ns: int) -> None:
         """Publish a camera image, its camera info and the camera's frames."""
-        for topic, data in self._pictures.encoded(shot, time_ns):
-            self._channel(topic.name, topic.type).log(data, log_time=time_ns)
+        for one in self._pictures.encoded(shot, time_ns):
+            self._log(one, time_ns)
 
     def close(self) -> None:
         """Disconnect all clients."""
         self._server.stop()
+
+    def _log(self, one: Message, time_ns: int) -> None:
+        self._channel(one.topic, one.type).log(one.data, log_time=time_ns)
 
     def _channel(self, name: str, kind: MessageType) -> "Channel":
         if name not in self._channels:

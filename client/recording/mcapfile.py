@@ -6,15 +6,13 @@ from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
-from client.cameras import Shot
 from client.errors import RecordingError
-from client.recording.cdr import MessageType
+from client.recording.cdr import Message, MessageType
 from client.recording.definitions import ros_name
 from client.recording.extras import extra
 from client.recording.output import FLUSH_S, OutputFile
-from client.recording.pictures import Pictures, PictureTopic
 from client.recording.recording import ROBOT, Columns, Info, Recording
-from client.recording.topics import RTDE_TOPIC, ControllerTopic, MarkerTopic, RosTopic, Topics, controller_message
+from client.recording.topics import RTDE_TOPIC, Topics
 from client.recording.tracking import Tracking, TrackingBuilder
 from urproto.joints import JOINT_NAMES
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -54,14 +52,13 @@ class McapWriter:
         if info:
             self._writer.add_metadata(_METADATA, dict(info))
         self._topics = Topics(names)
-        self._pictures = Pictures()
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
 
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
         """Add a state. Raises RecordingError."""
-        for topic, data in self._topics.encoded(values, time_ns):
-            self._add(topic, data, time_ns)
+        for message in self._topics.encoded(values, time_ns):
+            self.add(message, time_ns)
         if (now_s := time.monotonic()) - self._flushed_s > FLUSH_S:
             self._end_chunk()
             self._flushed_s = now_s
@@ -71,23 +68,12 @@ class McapWriter:
             self.saved = self._count
             self.file.keep = True
 
-    def write_controller(self, controller: str, state: Any, time_ns: int) -> None:
-        """Add the state of a trajectory controller of this program.
-
-        state: joint_names, and the points reference, feedback, error and output with positions,
-        velocities, accelerations and effort.
-        """
-        topic = ControllerTopic(controller)
-        self._add(topic, topic.type.encode(controller_message(state, time_ns)), time_ns)
-
-    def write_markers(self, topic: str, message: bytes, time_ns: int) -> None:
-        """Add a visualization_msgs/msg/MarkerArray, encoded by `markers_message`."""
-        self._add(MarkerTopic(topic), message, time_ns)
-
-    def write_shot(self, shot: Shot, time_ns: int) -> None:
-        """Add a camera image, its camera info and the camera's frames."""
-        for topic, data in self._pictures.encoded(shot, time_ns):
-            self._add(topic, data, time_ns)
+    def add(self, message: Message, time_ns: int) -> None:
+        """Add a message that is not part of a state. Raises RecordingError."""
+        topic, kind, data = message
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schema(kind))
+        self._writer.add_message(self._channels[topic], time_ns, data, time_ns)
 
     def close(self, *, complete: bool = True) -> None:
         """Finish the file: write its index and footer; see `FileWriter`. Raises RecordingError."""
@@ -98,11 +84,6 @@ class McapWriter:
         self.saved = self._count
         finish()
         self.file.close(complete=complete)
-
-    def _add(self, topic: RosTopic | ControllerTopic | MarkerTopic | PictureTopic, data: bytes, time_ns: int) -> None:
-        if topic.name not in self._channels:
-            self._channels[topic.name] = self._writer.register_channel(topic.name, "cdr", self._schema(topic.type))
-        self._writer.add_message(self._channels[topic.name], time_ns, data, time_ns)
 
     def _schema(self, kind: MessageType) -> int:
         if kind.name not in self._schemas:
@@ -223,9 +204,10 @@ class _Content:
             return
         controller = _controller_of(channel.topic) if schema.name == _CONTROLLER_STATE else ""
         relevant = controller or channel.topic in (RTDE_TOPIC, _JOINT_STATES)
-        if not relevant or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+        kind = decodable(channel, schema) if relevant else None
+        if kind is None:
             return
-        kind = self._types[channel.id] = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
+        self._types[channel.id] = kind
         if controller:
             self._controllers[channel.id] = TrackingBuilder(controller)
         names = tuple(name for lower, name in _RTDE_NAMES.items() if lower in kind.names)
@@ -294,6 +276,13 @@ def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
         name: [message[kind][index] if index < len(message[kind]) else 0.0 for index in order]
         for name, kind in kinds.items()
     }
+
+
+def decodable(channel: "Channel", schema: "Schema") -> MessageType | None:
+    """The type of a channel's messages; None for a type that is not described as in ROS 2."""
+    if (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+        return None
+    return MessageType(schema.name, schema.data.decode("utf-8", "replace"))
 
 
 def stamp_ns(message: Mapping[str, Any], time_ns: int) -> int:

@@ -1,7 +1,7 @@
 """Read the camera images of a recording: JPEG, as recorded from this project's cameras or in ROS 2."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -14,10 +14,10 @@ from client.cameras.messages import COMPRESSED
 from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.extras import extra
-from client.recording.mcapfile import Damage, records_of, stamp_ns
+from client.recording.mcapfile import Damage, decodable, records_of, stamp_ns
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, Schema
+    from mcap.records import Message
 
 _TOPIC: Final = re.compile(r"/([\w/]+)/image_raw/compressed")
 
@@ -36,50 +36,36 @@ def read_pictures(path: Path) -> dict[str, RecordedPictures]:
     They come from the topics ``/NAME/image_raw/compressed``; ``/`` in a name becomes ``_``. Damaged parts are skipped,
     as in `read_mcap`. Raises RecordingError for a message that is not an image.
     """
+    images: dict[str, list[tuple[int, bytes]]] = {}
     with path.open("rb") as file:
-        content = _Content()
-        content.read(records_of(file, Damage()))
-    return content.pictures()
+        for camera, kind, record in _messages(records_of(file, Damage())):
+            message = kind.decode(record.data)
+            try:
+                taken_ns = int(np.int64(stamp_ns(message, record.log_time)))
+                picture = bytes([*message["data"]])  # unpacked, because bytes(number) would be that many zeros
+            except (KeyError, ValueError, TypeError, OverflowError) as error:
+                raise RecordingError(f"a message of type {kind.name} has unexpected fields: {error}") from error
+            images.setdefault(camera, []).append((taken_ns, picture))
+    found = {}
+    for camera, taken in images.items():
+        times, data = zip(*sorted(taken, key=itemgetter(0)), strict=True)
+        found[camera] = RecordedPictures(np.array(times, np.int64), data)
+    return found
 
 
-class _Content:
-    """The images read from a file so far."""
-
-    def __init__(self) -> None:
-        self._schemas: dict[int, Schema] = {}
-        self._cameras: dict[int, tuple[str, MessageType]] = {}  # by channel
-        self._images: dict[str, list[tuple[int, bytes]]] = {}
-
-    def read(self, records: Iterable[object]) -> None:
-        with extra("record", "an MCAP file"):
-            from mcap.records import Channel, Message, Schema
-        for record in records:
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._add_channel(record)
-            elif isinstance(record, Message) and record.channel_id in self._cameras:
-                camera, kind = self._cameras[record.channel_id]
-                message = kind.decode(record.data)
-                try:
-                    taken_ns = int(np.int64(stamp_ns(message, record.log_time)))
-                    picture = bytes([*message["data"]])  # unpacked, because bytes(number) would be that many zeros
-                except (KeyError, ValueError, TypeError, OverflowError) as error:
-                    raise RecordingError(f"a message of type {kind.name} has unexpected fields: {error}") from error
-                self._images.setdefault(camera, []).append((taken_ns, picture))
-
-    def _add_channel(self, channel: "Channel") -> None:
-        schema, match = self._schemas.get(channel.schema_id), _TOPIC.fullmatch(channel.topic)
-        if match is None or schema is None or schema.name != COMPRESSED:
-            return
-        if (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg"):
-            kind = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
-            self._cameras[channel.id] = match[1].replace("/", "_"), kind
-
-    def pictures(self) -> dict[str, RecordedPictures]:
-        found = {}
-        for camera, images in self._images.items():
-            images.sort(key=itemgetter(0))
-            times, data = zip(*images, strict=True)
-            found[camera] = RecordedPictures(np.array(times, np.int64), data)
-        return found
+def _messages(records: Iterable[object]) -> Iterator[tuple[str, MessageType, "Message"]]:
+    """The messages with images, each with the name of its camera."""
+    with extra("record", "an MCAP file"):
+        from mcap.records import Channel, Message, Schema
+    schemas: dict[int, Schema] = {}
+    cameras: dict[int, tuple[str, MessageType]] = {}  # by channel
+    for record in records:
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            schema, match = schemas.get(record.schema_id), _TOPIC.fullmatch(record.topic)
+            kind = decodable(record, schema) if match and schema and schema.name == COMPRESSED else None
+            if match and kind:
+                cameras[record.id] = match[1].replace("/", "_"), kind
+        elif isinstance(record, Message) and record.channel_id in cameras:
+            yield *cameras[record.channel_id], record

@@ -6,14 +6,19 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from client.errors import RecordingError
-from client.recording.cdr import MessageType
-from client.recording.definitions import message_type, ros_name, rtde_type
+from client.recording.cdr import Message, MessageType
+from client.recording.definitions import message, message_type, ros_name, rtde_type, xyz, xyzw
 from client.recording.timestamps import header
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RuntimeState
 from urproto.robots.pose import rotvec_to_quaternion, wrench_trans
 
 RTDE_TOPIC: Final = "/rtde"
+POINTS: Final = ("reference", "feedback", "error", "output")
+POINT_FIELDS: Final = ("positions", "velocities", "accelerations", "effort")
+"""The points in the state of a trajectory controller, and what each has."""
+
+_CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
 _REPEAT_NS: Final = 1_000_000_000  # guess: unchanged messages are repeated once a second, for late subscribers
 _TCP_FRAME: Final = "tool0_controller"  # the ROS 2 driver's name for the TCP as the controller has it
 
@@ -25,7 +30,7 @@ _IO: Final = "/io_and_status_controller"
 
 @dataclass(frozen=True, slots=True)
 class RosTopic:
-    """A topic, the variables it needs, and the function that builds its messages.
+    """A topic, the variables it needs, and the function that computes the fields of its messages.
 
     slowly: published only when the message changes, and once a second.
     """
@@ -33,7 +38,7 @@ class RosTopic:
     name: str
     type: MessageType
     needs: frozenset[str]
-    message: Callable[[Values], Values]
+    content: Callable[[Values], Values]
     slowly: bool = False
 
     @property
@@ -42,42 +47,13 @@ class RosTopic:
         return self.type.definition.startswith("std_msgs/Header header")
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerTopic:
-    """The state of a trajectory controller, as ``control_msgs/msg/JointTrajectoryControllerState``."""
-
-    controller: str
-
-    @property
-    def name(self) -> str:
-        """The topic in ROS 2."""
-        return f"/{self.controller}/controller_state"
-
-    @property
-    def type(self) -> MessageType:
-        """Its message type."""
-        return message_type("control_msgs/msg/JointTrajectoryControllerState")
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerTopic:
-    """Markers, as ``visualization_msgs/msg/MarkerArray``."""
-
-    name: str
-
-    @property
-    def type(self) -> MessageType:
-        """Its message type."""
-        return message_type("visualization_msgs/msg/MarkerArray")
-
-
-def markers_message(markers: Sequence[Values]) -> bytes:
-    """Encode a visualization_msgs/msg/MarkerArray. markers: their fields; those left out are zero or empty.
+def markers_message(topic: str, markers: Sequence[Values]) -> Message:
+    """A visualization_msgs/msg/MarkerArray. markers: their fields; those left out are zero or empty.
 
     Raises RecordingError for other fields or values.
     """
     try:
-        return message_type("visualization_msgs/msg/MarkerArray").encode({"markers": markers})
+        return message(topic, "visualization_msgs/msg/MarkerArray", {"markers": markers})
     except (struct.error, ArithmeticError, AttributeError, TypeError, ValueError) as error:
         raise RecordingError(f"these are not fields of visualization_msgs/Marker: {error}") from error
 
@@ -90,7 +66,7 @@ class Topics:
         self.topics = (everything, *(topic for topic in _TOPICS if topic.needs <= set(names)))
         self._published: dict[str, tuple[int, Values]] = {}
 
-    def encoded(self, values: Values, time_ns: int) -> Iterable[tuple[RosTopic, bytes]]:
+    def encoded(self, values: Values, time_ns: int) -> Iterable[Message]:
         """The messages of one state. A message that cannot represent it, such as a mode of 1000, is left out."""
         for topic in self.topics:
             try:
@@ -99,36 +75,38 @@ class Topics:
                 if topic.name == RTDE_TOPIC:
                     raise
 
-    def _encoded(self, topic: RosTopic, values: Values, time_ns: int) -> Iterable[tuple[RosTopic, bytes]]:
-        message = topic.message(values)
-        if topic.slowly and not self._is_due(topic.name, message, time_ns):
+    def _encoded(self, topic: RosTopic, values: Values, time_ns: int) -> Iterable[Message]:
+        content = topic.content(values)
+        if topic.slowly and not self._is_due(topic.name, content, time_ns):
             return
         if topic.stamped:
-            message = {**message, "header": header(time_ns, message.get("frame_id", ""))}
-        yield topic, topic.type.encode(message)
+            content = {**content, "header": header(time_ns, content.get("frame_id", ""))}
+        yield Message(topic.name, topic.type, topic.type.encode(content))
 
-    def _is_due(self, name: str, message: Values, time_ns: int) -> bool:
+    def _is_due(self, name: str, content: Values, time_ns: int) -> bool:
         published_ns, published = self._published.get(name, (0, {}))
-        if published == message and 0 <= time_ns - published_ns < _REPEAT_NS:
+        if published == content and 0 <= time_ns - published_ns < _REPEAT_NS:
             return False
-        self._published[name] = (time_ns, message)
+        self._published[name] = (time_ns, content)
         return True
 
 
-def controller_message(state: Any, time_ns: int) -> Values:
-    """The message of a controller's state: joint_names, points reference, feedback, error, output, maybe a scaling."""
-    points = {name: _point(getattr(state, name)) for name in ("reference", "feedback", "error", "output")}
-    scaling = getattr(state, "speed_scaling_factor", 1.0)
-    return {
+def controller_message(controller: str, state: Any, time_ns: int) -> Message:
+    """The message of a controller's state: joint_names, points reference, feedback, error, output, maybe a scaling.
+
+    A point has positions, velocities, accelerations and effort.
+    """
+    values = {
         "header": header(time_ns, ""),
         "joint_names": state.joint_names,
-        **points,
-        "speed_scaling_factor": scaling,
+        **{name: _point(getattr(state, name)) for name in POINTS},
+        "speed_scaling_factor": getattr(state, "speed_scaling_factor", 1.0),
     }
+    return message(f"/{controller}/controller_state", _CONTROLLER_STATE, values)
 
 
 def _point(point: Any) -> Values:
-    return {name: getattr(point, name) for name in ("positions", "velocities", "accelerations", "effort")}
+    return {name: getattr(point, name) for name in POINT_FIELDS}
 
 
 def _with_ros_names(values: Values) -> Values:
@@ -162,23 +140,15 @@ def _difference(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
 def _wrench(values: Values) -> Values:
     turn = (0.0, 0.0, 0.0, *values["actual_TCP_pose"][3:])
     wrench = wrench_trans(turn, values["actual_TCP_force"])
-    return {"frame_id": _TCP_FRAME, "wrench": {"force": _xyz(wrench[:3]), "torque": _xyz(wrench[3:])}}
+    return {"frame_id": _TCP_FRAME, "wrench": {"force": xyz(wrench[:3]), "torque": xyz(wrench[3:])}}
 
 
 def _pose(values: Values) -> Values:
     pose = values["actual_TCP_pose"]
     return {
         "frame_id": "base",
-        "pose": {"position": _xyz(pose[:3]), "orientation": _xyzw(rotvec_to_quaternion(*pose[3:]))},
+        "pose": {"position": xyz(pose[:3]), "orientation": xyzw(rotvec_to_quaternion(*pose[3:]))},
     }
-
-
-def _xyzw(values: Sequence[float]) -> Values:
-    return dict(zip("xyzw", values, strict=True))
-
-
-def _xyz(values: Sequence[float]) -> Values:
-    return dict(zip("xyz", values, strict=True))
 
 
 def _speed_scaling(values: Values) -> Values:
@@ -218,18 +188,13 @@ def _tool_analog(values: Values) -> list[Values]:
     ]
 
 
-def _topic(name: str, kind: str, needs: str, message: Callable[[Values], Values], slowly: bool = False) -> RosTopic:
-    return RosTopic(name, message_type(kind), frozenset(needs.split()), message, slowly)
+def _topic(name: str, kind: str, needs: str, content: Callable[[Values], Values], slowly: bool = False) -> RosTopic:
+    return RosTopic(name, message_type(kind), frozenset(needs.split()), content, slowly)
 
 
 _TOPICS: Final = (
     _topic("/joint_states", "sensor_msgs/msg/JointState", "actual_q", _joint_states),
-    _topic(
-        "/robot/controller_state",
-        "control_msgs/msg/JointTrajectoryControllerState",
-        "target_q actual_q",
-        _controller_state,
-    ),
+    _topic("/robot/controller_state", _CONTROLLER_STATE, "target_q actual_q", _controller_state),
     _topic(
         "/force_torque_sensor_broadcaster/wrench",
         "geometry_msgs/msg/WrenchStamped",

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 from client.decoding.modbus import FRAMING as MODBUS
-from client.traffic.players import UnansweredError, cut
+from client.traffic.players import Player, UnansweredError, cut
 from client.traffic.recording import Conversation, Piece
 from urproto import dashboard
 from urproto.errors import RemoteProtocolError
@@ -48,7 +49,7 @@ class RequestLog:
         return self._pairs[place][1]
 
 
-class DialoguePlayer:
+class DialoguePlayer(Player):
     """Greets, then answers. answer: finds the answer to a request; raises UnansweredError if there is none."""
 
     def __init__(
@@ -60,9 +61,6 @@ class DialoguePlayer:
         self._answer = answer
         self._buffer = bytearray()
 
-    def begin(self, now_s: float) -> None:
-        """Does nothing: answers do not depend on the time."""
-
     def take(self, data: bytes, now_s: float) -> bytes:
         """The answers to the requests that these bytes complete."""
         self._buffer += data
@@ -72,16 +70,6 @@ class DialoguePlayer:
         """The greeting, once."""
         greeting, self._greeting = self._greeting, b""
         return greeting
-
-    @property
-    def next_s(self) -> float | None:
-        """None: nothing is sent without a request."""
-        return None
-
-    @property
-    def finished(self) -> bool:
-        """False: the client closes the connection."""
-        return False
 
 
 def cut_lines(buffer: bytearray) -> Iterator[bytes]:
@@ -100,7 +88,7 @@ def line_requests(conversations: Iterable[Conversation], loop: bool) -> tuple[by
         first_greeting, pairs = _line_pairs(one.pieces)
         greeting = greeting or first_greeting
         for line, answer in pairs:
-            requests.add(_stripped(line), answer)
+            requests.add(line.strip(), answer)
     return greeting, requests
 
 
@@ -121,13 +109,9 @@ def _line_pairs(pieces: Iterable[Piece]) -> tuple[bytes, list[tuple[bytes, bytes
     return greeting, list(zip(requests, answers if len(answers) == len(requests) else following, strict=True))
 
 
-def _stripped(line: bytes) -> bytes:
-    return line.strip()
-
-
 def answer_line(requests: RequestLog, line: bytes) -> bytes:
     """Answer a request to a line-based port. Raises UnansweredError."""
-    answer = requests.answer(_stripped(line))
+    answer = requests.answer(line.strip())
     if answer is None:
         raise UnansweredError(readable(from_bytes(line.strip())))
     return answer
@@ -135,7 +119,7 @@ def answer_line(requests: RequestLog, line: bytes) -> bytes:
 
 def answer_dashboard(requests: RequestLog, line: bytes) -> bytes:
     """Answer a dashboard command; an unknown one gets the dashboard's own answer to that."""
-    answer = requests.answer(_stripped(line))
+    answer = requests.answer(line.strip())
     if answer is None:
         return dashboard.encode_line(dashboard.not_understood(from_bytes(line.strip())))
     return answer
@@ -144,9 +128,8 @@ def answer_dashboard(requests: RequestLog, line: bytes) -> bytes:
 # Modbus: requests are equal regardless of their transaction number
 
 
-def cut_frames(buffer: bytearray) -> Iterator[bytes]:
-    """Take Modbus frames off the front of a buffer. Raises RemoteProtocolError."""
-    return cut(buffer, MODBUS)
+cut_frames: Final[CutRequests] = partial(cut, framing=MODBUS)
+"""Take Modbus frames off the front of a buffer. Raises RemoteProtocolError."""
 
 
 def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> RequestLog:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 from typing import Final
 
-from client.decoding.codecs import CODECS, Codec, Side, codec_of_port
+from client.decoding.codecs import CODECS, codec_of_port
 from client.traffic.ports import port_name
 from client.traffic.recording import Conversation, TrafficRecording
 
@@ -85,8 +85,7 @@ def messages_of(conversation: Conversation) -> list[str]:
     """The messages as ``ur-client decode`` prints them, after ``>`` if from the client, ``<`` if from the server."""
     codec = codec_of_port(conversation.port) or CODECS["bytes"]
     channel = codec.open()
-    streams = {True: channel.stream(_side(codec, True), codec.usual)}
-    streams[False] = channel.stream(_side(codec, False), codec.usual)
+    streams = {from_server: channel.stream(codec.side(from_server), codec.usual) for from_server in (True, False)}
     found: list[str] = []
     for piece in conversation.pieces:
         stream = streams[piece.from_server]
@@ -94,10 +93,6 @@ def messages_of(conversation: Conversation) -> list[str]:
         mark = "< " if piece.from_server else "> "
         found += [mark + _TIMES.sub("", line.text)[:_MAX_CHARACTERS] for line in lines if not _STATES.match(line.text)]
     return found
-
-
-def _side(codec: Codec, from_server: bool) -> Side:
-    return codec.server if from_server else next(side for side in Side if side is not codec.server)
 
 
 def _without_repetitions(texts: list[str], length: int) -> list[str]:

@@ -13,7 +13,6 @@ The last two have separate modules.
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 from client.decoding.streams import Framing
 from client.traffic.recording import Conversation
@@ -31,7 +30,7 @@ class PlaybackOptions:
     loop: bool = False
 
 
-class Player(Protocol):
+class Player:
     """One connection. Times are seconds of any monotonic clock."""
 
     def begin(self, now_s: float) -> None:
@@ -39,17 +38,21 @@ class Player(Protocol):
 
     def take(self, data: bytes, now_s: float) -> bytes:
         """Take bytes from the client; return the immediate answer. Raises UnansweredError, RemoteProtocolError."""
+        return b""
 
     def due(self, now_s: float) -> bytes:
         """The bytes due by now, apart from answers."""
+        raise NotImplementedError
 
     @property
     def next_s(self) -> float | None:
         """Time of the next bytes to send; None if that depends on the client."""
+        return None
 
     @property
     def finished(self) -> bool:
         """Whether the robot has closed the connection."""
+        return False
 
 
 # broadcasts
@@ -93,7 +96,7 @@ def cut(buffer: bytearray, framing: Framing) -> Iterator[bytes]:
         del buffer[:size]
 
 
-class Broadcast:
+class Broadcast(Player):
     """Plays a script from its start, regardless of what the client sends."""
 
     def __init__(self, script: TimedMessages, timing: PlaybackOptions) -> None:
@@ -105,10 +108,6 @@ class Broadcast:
     def begin(self, now_s: float) -> None:
         """Start at position 0 now."""
         self._begin_s = now_s
-
-    def take(self, data: bytes, now_s: float) -> bytes:
-        """Returns nothing: scripts and other input get no answer."""
-        return b""
 
     def due(self, now_s: float) -> bytes:
         """The messages whose time has come."""
@@ -136,7 +135,7 @@ class Broadcast:
 # any bytes
 
 
-class SequentialPlayer:
+class SequentialPlayer(Player):
     """Plays the recorded bytes of the server with the recorded delays after the preceding bytes."""
 
     def __init__(self, conversation: Conversation, timing: PlaybackOptions) -> None:

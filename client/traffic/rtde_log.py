@@ -1,6 +1,5 @@
 """The negotiated recipes of a recorded RTDE connection, and their states."""
 
-import struct
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -10,10 +9,8 @@ from client.traffic.recording import Conversation
 from urproto.errors import RemoteProtocolError
 from urproto.rtde import codec
 from urproto.rtde.codec import PackageType
-from urproto.rtde.types import IN_USE, NOT_FOUND, FieldType
+from urproto.rtde.recipes import Recipe
 from urproto.versions import PolyscopeVersion
-
-_TYPES = {kind.wire_name: kind for kind in FieldType}
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,33 +24,26 @@ class Row:
 
 @dataclass(slots=True)
 class Outputs:
-    """A recipe of outputs, and its states."""
+    """A recipe of outputs, and its states. recipe: None if a variable was refused, or if its type is unknown."""
 
     names: tuple[str, ...]
     types: tuple[str, ...]
     frequency_hz: float | None
     rows: list[Row] = field(default_factory=list)
+    recipe: Recipe | None = field(init=False)
 
-    @property
-    def refused(self) -> bool:
-        """Whether the robot lacked a variable or replied with an unknown type."""
-        return len(self.names) != len(self.types) or any(kind not in _TYPES for kind in self.types)
+    def __post_init__(self) -> None:
+        self.recipe = Recipe.of_reply(self.names, self.types)
 
     @property
     def size(self) -> int:
         """Size of a state in bytes."""
-        return sum(_TYPES[kind].size for kind in self.types)
+        return 0 if self.recipe is None else self.recipe.size
 
     def unpack(self, data: bytes) -> dict[str, Any]:
-        """Values by name, vectors as tuples."""
-        kinds = [_TYPES[kind] for kind in self.types]
-        flat = struct.unpack(">" + "".join(kind.layout for kind in kinds), data)
-        values: dict[str, Any] = {}
-        place = 0
-        for name, kind in zip(self.names, kinds, strict=True):
-            values[name] = flat[place] if kind.count == 1 else flat[place : place + kind.count]
-            place += kind.count
-        return values
+        """Values by name, vectors as tuples. Raises RemoteProtocolError for a wrong size."""
+        assert self.recipe is not None
+        return dict(self.recipe.values(data))
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +127,6 @@ class RTDELog:
                 self._add_recipe(Outputs(request.names, reply.types, request.frequency_hz), reply)
 
     def _add_recipe(self, outputs: Outputs, reply: codec.SetupOutputsReply) -> None:
-        if set(reply.types) & {NOT_FOUND, IN_USE} or outputs.refused:
-            return
-        self.outputs.append(outputs)
-        self._recipes[reply.recipe_id] = outputs
+        if outputs.recipe is not None:
+            self.outputs.append(outputs)
+            self._recipes[reply.recipe_id] = outputs

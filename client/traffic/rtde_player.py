@@ -6,20 +6,18 @@ input packages waits for the same number from this client, but only for a limite
 have nothing to write.
 """
 
-import struct
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from client.traffic.players import PlaybackOptions, UnansweredError
+from client.traffic.players import PlaybackOptions, Player, UnansweredError
 from client.traffic.rtde_log import Outputs, Row, RTDELog
 from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
-from urproto.rtde.recipes import type_names
-from urproto.rtde.types import NOT_FOUND, FieldType
+from urproto.rtde.recipes import Recipe, type_names
+from urproto.rtde.types import NOT_FOUND, WIRE_TYPES
 from urproto.versions import PolyscopeVersion
 
 _INPUT_TIMEOUT_S: Final = 0.5  # longest wait for the inputs before a state (guess)
-_TYPES: Final = {kind.wire_name: kind for kind in FieldType}
 
 
 class RTDELibrary:
@@ -71,7 +69,7 @@ class RTDELibrary:
         return [name for name in names if best is None or name not in best.names]
 
 
-class RTDEPlayer:
+class RTDEPlayer(Player):
     """One RTDE connection."""
 
     def __init__(self, library: RTDELibrary, timing: PlaybackOptions) -> None:
@@ -84,9 +82,6 @@ class RTDEPlayer:
         self._inputs = 0
         self._running = False
         self._streamed = False
-
-    def begin(self, now_s: float) -> None:
-        """Does nothing: the client sends first."""
 
     def take(self, data: bytes, now_s: float) -> bytes:
         """The replies to the requests that these bytes complete."""
@@ -169,7 +164,7 @@ class RTDEPlayer:
             types = recorded.types
         else:
             types = type_names(request.names, INPUT_FIELDS)
-        if any(kind not in _TYPES for kind in types):
+        if not WIRE_TYPES.keys() >= set(types):
             return codec.SetupInputsReply(types, 0)
         self._input_recipes += 1
         return codec.SetupInputsReply(types, self._input_recipes)
@@ -203,7 +198,7 @@ class _Stream:
         self._wait_until_s: float | None = None
         self._rows = _thinned(outputs, request.frequency_hz)
         self.types = tuple(outputs.types[outputs.names.index(name)] for name in request.names)
-        self._layout = struct.Struct(">" + "".join(_TYPES[kind].layout for kind in self.types))
+        self._recipe = Recipe.of_reply(self._names, self.types)
 
     def start(self, now_s: float, *, waits: bool) -> None:
         self._began_s, self._waits = now_s, waits
@@ -261,13 +256,10 @@ class _Stream:
             self._began_s += now_s - self._due_s(row)
 
     def _packed(self, row: Row) -> bytes:
-        if self._names == self._outputs.names:
+        if self._names == self._outputs.names or self._recipe is None:
             return row.data
         values = self._outputs.unpack(row.data)
-        flat: list[object] = []
-        for name, kind in zip(self._names, self.types, strict=True):
-            flat.extend(values[name]) if _TYPES[kind].count > 1 else flat.append(values[name])
-        return self._layout.pack(*flat)
+        return self._recipe.pack([values[name] for name in self._names])
 
 
 def _thinned(outputs: Outputs, frequency_hz: float | None) -> list[Row]:

@@ -16,12 +16,12 @@ from client.robotapi import BlockingRobotAPIClient, RobotAPIClient
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from tests.robotapi.rig import empty_urpx
 from urproto.dashboard import ProgramState
 from urproto.errors import RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
-from urscript.polyscope.urpx import empty_urpx
 
 HOST = "127.0.0.1"
 ANSWER = "HTTP/1.1 {status}\r\nConnection: close\r\nContent-Length: {length}\r\n{more}\r\n"

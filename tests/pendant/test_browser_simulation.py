@@ -188,15 +188,15 @@ def moved_horizontally(before: list[float], now: list[float]) -> bool:
 @pytest.mark.long
 def test_digital_and_analog_inputs_are_set(rig, open_tab):
     page = open_tab("inputs")
-    for test_id, bit in (("di3", 1 << 3), ("ci7", 1 << 15), ("ti1", 1 << 17)):
+    for test_id, bit in (("DI3", 1 << 3), ("CI7", 1 << 15), ("TI1", 1 << 17)):
         switch = page.get_by_test_id(test_id)
         switch.click()
         expect(switch).to_have_attribute("data-state", "on")
         assert rig.state("actual_digital_input_bits") & bit
         switch.click()
         expect(switch).to_have_attribute("data-state", "off")
-    page.get_by_test_id("analog-ai1").click()
-    expect(page.get_by_test_id("analog-text-ai1")).to_have_text(re.compile(r"[45]\.\d\d V"))
+    page.get_by_test_id("AI1-slider").click()
+    expect(page.get_by_test_id("AI1")).to_have_text(re.compile(r"[45]\.\d+ V"))
     eventually(lambda: rig.state("standard_analog_input1") == pytest.approx(5.0, abs=0.5))
     rig.control.set_analog_input(1, 0.0)
 

@@ -36,6 +36,7 @@ class Robot:
         self.unavailable: frozenset[str] = frozenset()
         self.connected = True
         self.core = SimpleNamespace(state=None)
+        self.emulator = SimpleNamespace(available=False)
         self.log = EventLog()
 
     async def write(self, **inputs: Any) -> None:
@@ -175,9 +176,9 @@ def test_tcps_are_saved_to_file(tmp_path: Path) -> None:
     tools.save(" my   gripper ", (0.0, 0.0, 0.15, 0.0, 0.0, 0.0))
     tools.save("b", [1, 2, 3, 4, 5, 6])
     tools.delete("not there")
-    assert dict(Tools(path).all) == {"b": (1, 2, 3, 4, 5, 6), "my gripper": (0.0, 0.0, 0.15, 0.0, 0.0, 0.0)}
+    assert dict(Tools(path).content) == {"b": (1, 2, 3, 4, 5, 6), "my gripper": (0.0, 0.0, 0.15, 0.0, 0.0, 0.0)}
     tools.delete("b")
-    assert list(Tools(path).all) == ["my gripper"]
+    assert list(Tools(path).content) == ["my gripper"]
     assert tools.version == 4
     for name, tcp in (("", (0,) * 6), ("x" * 61, (0,) * 6), ("a", (0,) * 5), ("a", (0, 0, math.nan, 0, 0, 0))):
         with pytest.raises(ValueError, match="TCP"):

@@ -13,8 +13,7 @@ from emulator.world.file import read_object
 
 
 def station(push=None, objects=None, pose=(0.1, 0.2, 0.3, 0.0, 0.0, pi / 2)):
-    world = SimpleNamespace(value={"push": push, "objects": objects or {}})
-    emulator = SimpleNamespace(available=True, watch=lambda verb: world)
+    emulator = SimpleNamespace(read=lambda verb: {"push": push, "objects": objects or {}})
     return SimpleNamespace(values={"actual_TCP_pose": pose}, emulator=emulator)
 
 

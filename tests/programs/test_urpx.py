@@ -12,11 +12,11 @@ from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.programs.loading import ProgramLoadError
 from tests.budget import examples
-from tests.robotapi.rig import node, urpx, wait
+from tests.robotapi.rig import empty_urpx, node, urpx, wait
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
-from urscript.polyscope.urpx import UrpxError, empty_urpx, read_information, read_urpx
+from urscript.polyscope.urpx import UrpxError, read_information, read_urpx
 
 X = PolyscopeVersion(10, 12)
 VENDOR = node("vendor-thing", "v")

@@ -128,7 +128,7 @@ def test_analog_signals_are_published_with_their_domains() -> None:
         "tool_analog_input0": 2.5,
         "tool_analog_input1": 0.01,
     }
-    by_topic = {topic.name: topic.type.decode(data) for topic, data in Topics(values).encoded(values, 0)}
+    by_topic = {topic: kind.decode(data) for topic, kind, data in Topics(values).encoded(values, 0)}
     message = by_topic["/io_and_status_controller/io_states"]
     found = {
         kind: [(one["pin"], one["domain"], pytest.approx(one["state"])) for one in message[f"analog_{kind}_states"]]

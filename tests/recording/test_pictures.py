@@ -67,7 +67,7 @@ def test_frames_are_repeated_for_late_subscribers() -> None:
 
     def has_static_transforms(seconds: float) -> bool:
         shot = Shot(OVERVIEW, "rgb.jpg", JPEG, 0.0, POSE)
-        return "/tf_static" in [topic.name for topic, _ in pictures.encoded(shot, BEGAN_NS + round(1e9 * seconds))]
+        return "/tf_static" in [message.topic for message in pictures.encoded(shot, BEGAN_NS + round(1e9 * seconds))]
 
     assert [has_static_transforms(seconds) for seconds in (0.0, 0.5, 1.0, 1.5, 0.0)] == [True, False, True, False, True]
 

@@ -7,9 +7,10 @@ import httpx
 
 from emulator.app import Emulator
 from urproto.robotapi import BASE
-from urscript.polyscope.urpx import empty_urpx
 
 HOST = "127.0.0.1"
+_NIL = "00000000-0000-0000-0000-000000000000"
+_FRAME = ("ur-modules", "ur-functions", "ur-before-start", "ur-configuration", "ur-status", "ur-code")
 
 
 def client(emulator: Emulator, **options: Any) -> httpx.AsyncClient:
@@ -39,10 +40,50 @@ def urpx(name: str, *nodes: dict[str, Any], script: str = "", known: tuple[str, 
     content = program["program"]["programContent"]
     content["children"][-1]["children"] += nodes
     frame = [content["guid"], *(part["guid"] for part in content["children"] if _writes(part))]
-    ids = ["00000000-0000-0000-0000-000000000000", *frame, *known]
+    ids = [_NIL, *frame, *known]
     program["program"]["urscript"] = {"script": script, "nodeIDList": ids if script else []}
     return json.dumps(program).encode()
 
 
 def _writes(part: dict[str, Any]) -> bool:
     return part["contributedNode"]["type"] not in ("ur-configuration", "ur-status")
+
+
+def empty_urpx(name: str) -> bytes:
+    """A program without nodes, as PolyScope X saves one."""
+    parts = [{"children": [], "contributedNode": _part(kind), "guid": _guid(i + 2)} for i, kind in enumerate(_FRAME)]
+    document = {
+        "application": {
+            "id": "1",
+            "applicationInfo": {"name": "application"},
+            "applicationContent": {"applicationContributions": {}},
+            "urscript": {"script": "", "nodeIDList": []},
+        },
+        "program": {
+            "id": "1",
+            "programContent": {
+                "children": parts,
+                "contributedNode": {**_part("ur-program"), "lockChildren": True, "parameters": {"name": name}},
+                "guid": _guid(1),
+            },
+            "programInformation": {
+                "name": name,
+                "description": "",
+                "createdDate": 0,
+                "lastSavedDate": None,
+                "lastModifiedDate": None,
+                "programState": "FINAL",
+            },
+            "urscript": {"script": "", "nodeIDList": []},
+        },
+    }
+    return json.dumps(document, indent=2).encode()
+
+
+def _part(kind: str) -> dict[str, Any]:
+    parameters: dict[str, Any] = {"loopForever": False} if kind == "ur-code" else {}
+    return {"type": kind, "version": "0.0.1", "allowsChildren": True, "parameters": parameters}
+
+
+def _guid(number: int) -> str:
+    return f"{_NIL[:-4]}{number:04d}"

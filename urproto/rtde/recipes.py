@@ -7,7 +7,8 @@ from typing import Any
 from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.rtde.fields import Field
-from urproto.rtde.types import NOT_FOUND
+from urproto.rtde.types import NOT_FOUND, WIRE_TYPES
+from urproto.versions import Availability
 
 
 def split_names(text: str) -> tuple[str, ...]:
@@ -72,6 +73,15 @@ class Recipe:
         if missing:
             raise LocalProtocolError(f"no such RTDE variable: {', '.join(missing)}")
         return cls(fields[name] for name in names)
+
+    @classmethod
+    def of_reply(cls, names: Sequence[str], types: Sequence[str]) -> Self | None:
+        """The recipe that a set-up reply describes; None if the robot refused a variable, or if its type is unknown."""
+        if len(names) != len(types) or not WIRE_TYPES.keys() >= set(types):
+            return None
+        never = Availability(None, None, None)
+        kinds = zip(names, map(WIRE_TYPES.__getitem__, types), strict=True)
+        return cls(Field(name, kind, "", never, False, name, None, "") for name, kind in kinds)
 
     @property
     def names(self) -> tuple[str, ...]:

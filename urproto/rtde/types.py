@@ -36,3 +36,7 @@ class FieldType(Enum):
     def size(self) -> int:
         """Size on the wire in bytes."""
         return struct.calcsize(">" + self.layout)
+
+
+WIRE_TYPES = {kind.wire_name: kind for kind in FieldType}
+"""The types by their names in set-up replies."""

@@ -74,6 +74,11 @@ class Element:
                 return element.resolved()
         return None
 
+    def named(self, tag: str) -> str:
+        """The name of the pin, TCP or feature that a child of this element refers to; empty without one."""
+        child = self.child(tag)
+        return (child.get("referencedName") or child.get("featureName")) if child is not None else ""
+
     def walk(self) -> Iterator["Element"]:
         """This element and all elements below it, in document order."""
         waiting = [self]
@@ -319,30 +324,8 @@ def sharing(tag: str, owner: Element, **attributes: str) -> Element:
 
 def link(root: Element) -> Element:
     """Replace the paths in a document by the objects they refer to. Raises DocumentError for a path to nothing."""
-    index: dict[int, dict[str, list[Element]]] = {}
-
-    def children_of(element: Element) -> dict[str, list[Element]]:
-        found = index.get(id(element))
-        if found is None:
-            found = index[id(element)] = {}
-            for child in element.children:
-                found.setdefault(child.tag, []).append(child)
-        return found
-
     places = [element for element in root.walk() if _REFERENCE in element.attributes]
-    owners = []
-    for place in places:
-        path = place.attributes[_REFERENCE]
-        element: Element | None = place
-        for step in path.split("/"):
-            assert element is not None
-            match = _STEP.fullmatch(step)
-            same = children_of(element).get(match[1], []) if match and step != ".." else []
-            position = int((match and match[2]) or 1) - 1
-            element = element.parent if step == ".." else same[position] if 0 <= position < len(same) else None
-            if element is None:
-                raise DocumentError(f"<{place.tag}> refers to {path}, which does not exist")
-        owners.append(element)
+    owners = [place._follow(place.attributes[_REFERENCE]) for place in places]
     for place, owner in zip(places, owners, strict=True):
         place.shared = owner
         del place.attributes[_REFERENCE]

@@ -18,7 +18,7 @@ from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.nodes.waypoints import teach
 from urscript.polyscope.places import INNER, ROOT, SUPPRESSED, EditError, Places, Spot, Target, node_place
 from urscript.polyscope.program import write_steps
-from urscript.polyscope.registry import kinds
+from urscript.polyscope.registry import kind_of, kinds
 from urscript.polyscope.saved_script import NO_SAVED_SCRIPT, SavedScript
 from urscript.polyscope.surroundings import FieldError, Surroundings, check_name
 from urscript.polyscope.transplant import Clip, clipped, planted
@@ -462,7 +462,7 @@ class ProgramEditor:
 
     def _put(self, places: list[Element], target: Target) -> None:
         """Insert places among the children of a node, inside a new Move if they need one."""
-        loose = [place for place in places if (kind := self._places.kind(node_place(place))) and kind.stands == "move"]
+        loose = [place for place in places if (kind := kind_of(node_place(place))) and kind.stands == "move"]
         if loose and not self._places.in_move(target.parent_spot):
             move = kinds()["move"].new
             assert move is not None
@@ -484,7 +484,7 @@ class ProgramEditor:
         children[at:at] = places
         self.program.changes.put(holder, "children", [child for child in children if child.tag != _EMPTY] or children)
         for place in places:
-            if (kind := self._places.kind(node_place(place))) is not None and kind.key == "variables_setup":
+            if (kind := kind_of(node_place(place))) is not None and kind.key == "variables_setup":
                 self._flag_variables("true")
 
     def _adopt(self, place: Element, holder: Element) -> None:
@@ -503,14 +503,11 @@ class ProgramEditor:
         """Remove a place; leaves an empty line if nothing else remains. keep: a node that will not stay empty."""
         children = [child for child in holder.children if child is not place]
         stays_empty = holder.parent is not None and holder.parent.resolved() is keep
-        if not children and holder.parent is not None and not stays_empty and self._wants_empty_line(holder):
+        if not children and holder.parent is not None and not stays_empty and tag_of(holder.parent) != "Switch":
             empty = make(_EMPTY)
             empty.parent = holder
             children = [empty]
         self.program.changes.put(holder, "children", children)
-
-    def _wants_empty_line(self, holder: Element) -> bool:
-        return holder.parent is not None and tag_of(holder.parent) not in ("Switch",)
 
     def _wrap(self, spot: Spot) -> None:
         changes, place = self.program.changes, spot.place

@@ -5,13 +5,13 @@ m/s, rad/s), and does not touch the file when the shown value is unchanged.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
-from urscript.polyscope.document import Element, check_text
+from urscript.polyscope.document import Element, check_text, make
 from urscript.polyscope.expressions import expression_of, expression_shown
-from urscript.polyscope.numbers import number
+from urscript.polyscope.numbers import double_text, number
 from urscript.polyscope.surroundings import FEATURE_TITLES, PIN_COUNTS, FieldError, Surroundings, check_name
 from urscript.polyscope.tree import tag_of
 from urscript.polyscope.writer import PINS, find_pin
@@ -133,17 +133,6 @@ def _shown(value: float | None) -> str:
     return "" if value is None else f"{value:g}"
 
 
-def java_number(value: float) -> str:
-    """A number as Java writes a double: 0.25, 5.0E-4, 1.0E7."""
-    if value == 0 or 1e-3 <= abs(value) < 1e7:
-        return repr(float(value))
-    digits, _, exponent = f"{value!r}".partition("e")
-    if not exponent:  # Python uses exponents only for larger numbers
-        exponent = str(math.floor(math.log10(abs(value))))
-        digits = repr(float(f"{value!r}e{-int(exponent)}")) if "." in digits else digits
-    return f"{digits if '.' in digits else digits + '.0'}E{int(exponent)}"
-
-
 def _from_file(text: str, factor: float) -> float | None:
     return round(number(text) / factor, _DIGITS) if text.strip() else None
 
@@ -152,7 +141,17 @@ def _to_file(value: float | None, factor: float, digits: bool) -> str | None:
     if value is None:
         return None
     scaled = math.radians(value) if factor == DEGREES else value * factor if factor == 1.0 else value / (1 / factor)
-    return java_number(scaled) if digits else str(int(scaled))
+    return double_text(scaled) if digits else str(int(scaled))
+
+
+def having(attribute: str, *values: str) -> Callable[[Element], bool]:
+    """Whether an attribute of a node has one of these values."""
+    return lambda element: element.get(attribute) in values
+
+
+def of_type(*types: str) -> Callable[[Element], bool]:
+    """Whether a node's attribute ``type`` has one of these values."""
+    return having("type", *types)
 
 
 def attribute_number(
@@ -183,6 +182,28 @@ def child_number(key: str, title: str, tag: str, *, unit: str = "", factor: floa
     return Field(key, title, "number", read, write, unit=unit, **more)
 
 
+def in_child(tag: str, field: Field) -> Field:
+    """The field of a child of the node, which is created with its first value."""
+
+    def read(element: Element, program: Surroundings) -> Value:
+        child = element.child(tag)
+        return field.read(child, program) if child is not None else None
+
+    def write(element: Element, value: Any, program: Surroundings) -> None:
+        field.write(own_child(element, tag, program), value, program)
+
+    return replace(field, read=read, write=write)
+
+
+def own_child(element: Element, tag: str, program: Surroundings) -> Element:
+    """A child of a node, which is created if it is missing."""
+    child = element.child(tag)
+    if child is None:
+        child = make(tag)
+        program.set_child(element, tag, child)
+    return child
+
+
 def attribute_text(key: str, title: str, attribute: str, *, empty: bool = True, **more: Any) -> Field:
     """A text stored as an attribute. empty: keep the attribute when the text is empty."""
 
@@ -192,30 +213,55 @@ def attribute_text(key: str, title: str, attribute: str, *, empty: bool = True, 
     return Field(key, title, "text", lambda element, _: element.get(attribute), write, **more)
 
 
-def attribute_choice(key: str, title: str, attribute: str, choices: dict[str, str], **more: Any) -> Field:
-    """A choice stored as an attribute. choices: value and title."""
+def attribute_choice(
+    key: str, title: str, attribute: str, choices: dict[str, str], choose: Writing | None = None, **more: Any
+) -> Field:
+    """A choice stored as an attribute. choices: value and title. choose: sets it, and what else depends on it."""
 
     def write(element: Element, value: str, program: Surroundings) -> None:
         program.set_attribute(element, attribute, value)
 
-    return Field(
-        key,
-        title,
-        "choice",
-        lambda element, _: element.get(attribute),
-        write,
-        choices=tuple(choices.items()),
-        **more,
-    )
+    shown = tuple(choices.items())
+    return Field(key, title, "choice", lambda e, _: e.get(attribute), choose or write, choices=shown, **more)
 
 
-def attribute_boolean(key: str, title: str, attribute: str, **more: Any) -> Field:
-    """A boolean stored as an attribute."""
+def parts_choice(
+    key: str,
+    title: str,
+    attribute: str,
+    choices: dict[str, str],
+    parts: Mapping[str, Sequence[Element]],
+    attributes: Mapping[str, Mapping[str, str]] | None = None,
+    keep: Sequence[str] = (),
+) -> Field:
+    """A choice on which the children of a node depend. parts: those that files have for each value, as they are at
+    first. attributes: the same, if attributes depend on it as well. keep: what does not depend on it."""
+
+    def choose(element: Element, value: str, program: Surroundings) -> None:
+        for child in list(element.resolved().children):
+            if child.tag not in keep:
+                program.set_child(element, child.tag, None)
+        for name in list(element.resolved().attributes) if attributes is not None else ():
+            if name not in (attribute, *keep):
+                program.set_attribute(element, name, None)
+        program.set_attribute(element, attribute, value)
+        for name, given in (attributes or {}).get(value, {}).items():
+            program.set_attribute(element, name, given)
+        for part in parts.get(value, ()):
+            program.set_child(element, part.tag, make(part.tag, text=part.text, **part.attributes))
+
+    return attribute_choice(key, title, attribute, choices, choose)
+
+
+def attribute_boolean(
+    key: str, title: str, attribute: str, *, values: tuple[str, str] = ("false", "true"), **more: Any
+) -> Field:
+    """A boolean stored as an attribute. values: those in the file for false and true."""
 
     def write(element: Element, value: bool, program: Surroundings) -> None:
-        program.set_attribute(element, attribute, "true" if value else "false")
+        program.set_attribute(element, attribute, values[value])
 
-    return Field(key, title, "boolean", lambda element, _: element.get(attribute) == "true", write, **more)
+    return Field(key, title, "boolean", lambda element, _: element.get(attribute) == values[1], write, **more)
 
 
 def node_name(key: str = "name", title: str = "Name", *, what: str, free: bool = False) -> Field:
@@ -249,10 +295,6 @@ def variable_field(key: str, title: str, tag: str = "variable", **more: Any) -> 
 def pin_field(key: str, title: str, kinds: Sequence[str], **more: Any) -> Field:
     """An input or output of certain kinds, given by its name or as ``digital_out[0]``."""
 
-    def read(element: Element, _: Surroundings) -> Value:
-        pin = element.child("pin")
-        return (pin.get("referencedName") or None) if pin else None
-
     def write(element: Element, value: str | None, program: Surroundings) -> None:
         if value is None:
             program.set_child(element, "pin", None)
@@ -267,7 +309,7 @@ def pin_field(key: str, title: str, kinds: Sequence[str], **more: Any) -> Field:
     def options(program: Surroundings) -> Sequence[str]:
         return program.pins(kinds)
 
-    return Field(key, title, "pin", read, write, options=options, optional=True, **more)
+    return Field(key, title, "pin", lambda e, _: e.named("pin") or None, write, options=options, optional=True, **more)
 
 
 def feature_names(program: Surroundings) -> list[str]:
@@ -279,8 +321,7 @@ def feature_field(key: str, title: str, *, declared: bool = False, **more: Any) 
     """A feature of the installation, or the base or tool."""
 
     def read(element: Element, _: Surroundings) -> Value:
-        child = element.child("feature")
-        name = (child.get("referencedName") or child.get("featureName")) if child else ""
+        name = element.named("feature")
         return FEATURE_TITLES.get(name, name) or None
 
     def write(element: Element, value: str | None, program: Surroundings) -> None:

@@ -20,7 +20,12 @@ from urscript.work import Steps, run_to_end
 
 _AT_ONCE: Final = 64  # elements between two yields
 _UNIT_WORK: Final = 4  # measured: 3 microseconds
-_TYPES: Final = {"DIGITAL_INPUT": 0, "DIGITAL_OUTPUT": 1, "REGISTER_INPUT": 2, "REGISTER_OUTPUT": 3}  # as for scripts
+MODBUS_TYPES: Final = {
+    "DIGITAL_INPUT": 0,
+    "DIGITAL_OUTPUT": 1,
+    "REGISTER_INPUT": 2,
+    "REGISTER_OUTPUT": 3,
+}  # as for scripts
 MAX_ELEMENTS: Final = 20_000
 """Most elements of an installation, which is interpreted in few steps (guess)."""
 
@@ -86,7 +91,7 @@ def _signal(signal: Element, address: str) -> ModbusSignal:
         address=address,
         slave=int(number(_value(signal, "slaveAddress") or "255")),
         register=int(number(_value(signal, "signalAddress") or "0")),
-        type=_TYPES[kind] if kind in _TYPES else int(number(kind or "0")),
+        type=MODBUS_TYPES[kind] if kind in MODBUS_TYPES else int(number(kind or "0")),
         frequency=int(number(_value(signal, "updateFrequency") or "-1")),
     )
 

@@ -14,7 +14,7 @@ from urproto.vectors import ZERO3
 from urscript.polyscope.document import Element
 from urscript.polyscope.features import read_features
 from urscript.polyscope.installation_file import tcp_settings
-from urscript.polyscope.numbers import double_text, number, numbers, six
+from urscript.polyscope.numbers import double_text, doubles_text, number, numbers, six
 
 Row: TypeAlias = dict[str, Any]
 Kind = Literal["text", "number", "whole", "flag", "choice", "vector", "pose"]
@@ -26,6 +26,7 @@ UNITS: Final[Mapping[str, tuple[str, float]]] = {
 }
 """SI unit -> unit shown to users, and factor. A rotation vector stays in rad."""
 
+_ZEROS: Final = {"number": "0", "whole": "0", "vector": "0, 0, 0"}
 _LONGEST: Final = 60  # characters of a name; guess
 _FARTHEST: Final = 10.0  # m; guess: farther than any tool or feature
 _HEAVIEST: Final = 100.0  # kg; guess: more than any UR arm carries
@@ -40,6 +41,8 @@ class Field:
     """A value of a row. low, high: limits, in ``unit``. choices: values of a choice; "" stands for none.
 
     fixed: shown, but not changeable. A vector has three numbers, a pose six: x, y, z [m], rotation vector [rad].
+    attribute: where the file has the value, empty if the section reads and writes it itself. default: its text where
+    the file does not have it, if not empty or zero.
     """
 
     name: str
@@ -50,6 +53,27 @@ class Field:
     high: float = 1e6
     choices: tuple[str, ...] = ()
     fixed: bool = False
+    attribute: str = ""
+    default: str = ""
+
+    def read(self, text: str) -> Any:
+        """The value for a text of the file, empty for the default. Raises DocumentError."""
+        text = text or self.default or _ZEROS.get(self.kind, "")
+        if self.kind == "flag":
+            return text == "true"
+        if self.kind in ("number", "whole"):
+            return int(number(text)) if self.kind == "whole" else number(text)
+        if self.kind in ("vector", "pose"):
+            return list(six(text)) if self.kind == "pose" else numbers(text.strip("[]"))
+        return text
+
+    def text(self, value: Any) -> str:
+        """The text of the file for a value."""
+        if self.kind == "flag":
+            return flag_text(value)
+        if self.kind in ("vector", "pose"):
+            return doubles_text(value)
+        return double_text(value) if self.kind == "number" else str(value)
 
     def checked(self, value: Any) -> Any:
         """Check a value; returns it as it is stored. Raises SettingError."""
@@ -80,6 +104,9 @@ class Field:
         if not right:
             raise SettingError(f"{self.title} must be {requirement}, not {value!r:.60}")
         return value
+
+
+_NAME: Final = Field("name", "Name", attribute="name")
 
 
 class Section(ABC):
@@ -128,6 +155,20 @@ class Section(ABC):
             )
         return found
 
+    def read(self, element: Element | None, **others: Any) -> Row:
+        """The row of an element with its values as attributes. others: values of fields without an attribute."""
+        row = {}
+        for field in self.fields:
+            text = element.get(field.attribute) if element is not None else ""
+            row[field.name] = field.read(text) if field.attribute else others[field.name]
+        return row
+
+    def put(self, element: Element, changes: Row) -> None:
+        """Set the attributes for the changes to a row."""
+        for field in self.fields:
+            if field.attribute and field.name in changes:
+                element.attributes[field.attribute] = field.text(changes[field.name])
+
     def checked(self, values: Mapping[str, Any]) -> Row:
         """Check values by the names of their fields; returns them as they are stored. Raises SettingError."""
         fields = {field.name: field for field in self.fields}
@@ -145,11 +186,6 @@ def new_element(parent: Element, tag: str, attributes: dict[str, str]) -> Elemen
     return element
 
 
-def doubles_text(values: Sequence[float]) -> str:
-    """Numbers separated by commas."""
-    return ", ".join(double_text(value) for value in values)
-
-
 def flag_text(value: bool) -> str:
     """A boolean as written in the files."""
     return "true" if value else "false"
@@ -160,8 +196,8 @@ class Tcps(Section):
 
     name, title = "tcps", "TCP"
     fields = (
-        Field("name", "Name"),
-        Field("pose", "Position and rotation", "pose", "m", -_FARTHEST, _FARTHEST),
+        _NAME,
+        Field("pose", "Position and rotation", "pose", "m", -_FARTHEST, _FARTHEST, attribute="offset"),
         Field("active", "Active", "flag"),
     )
     listed = grows = True
@@ -170,20 +206,14 @@ class Tcps(Section):
 
     def rows(self, root: Element) -> list[Row]:
         active = tcp_settings(root).get("activePose")
-        return [
-            {"name": tcp.get("name"), "pose": list(six(tcp.get("offset"))), "active": tcp.get("name") == active}
-            for tcp in self._tcps(root)
-        ]
+        return [self.read(tcp, active=tcp.get("name") == active) for tcp in self._tcps(root)]
 
     def write(self, root: Element, row: Row, changes: Row) -> None:
         tcp = next(tcp for tcp in self._tcps(root) if tcp.get("name") == row["name"])
         settings = tcp_settings(root).attributes
         if changes.get("active") is False and row["active"]:
             raise SettingError(f"TCP {row['name']} is the active one: make another TCP active instead")
-        if "name" in changes:
-            tcp.attributes["name"] = changes["name"]
-        if "pose" in changes:
-            tcp.attributes["offset"] = doubles_text(changes["pose"])
+        self.put(tcp, changes)
         if row["active"] or changes.get("active"):
             settings["activePose"] = tcp.attributes["name"]
 
@@ -211,10 +241,10 @@ class Payloads(Section):
 
     name, title = "payloads", "Payload"
     fields = (
-        Field("name", "Name"),
-        Field("mass", "Mass", "number", "kg", 0.0, _HEAVIEST),
-        Field("cog", "Centre of gravity", "vector", "m", -_FARTHEST, _FARTHEST),
-        Field("default", "Default", "flag"),
+        _NAME,
+        Field("mass", "Mass", "number", "kg", 0.0, _HEAVIEST, attribute="mass"),
+        Field("cog", "Centre of gravity", "vector", "m", -_FARTHEST, _FARTHEST, attribute="centerOfGravity"),
+        Field("default", "Default", "flag", attribute="defaultPayload"),
     )
     listed = grows = True
     applied = "immediately for the default payload, with the next program for the others"
@@ -226,15 +256,7 @@ class Payloads(Section):
 
     def rows(self, root: Element) -> list[Row]:
         if (settings := root.child("PayloadSettings")) is not None:
-            return [
-                {
-                    "name": payload.get("name"),
-                    "mass": number(payload.get("mass", "0")),
-                    "cog": numbers(payload.get("centerOfGravity", "0, 0, 0")),
-                    "default": payload.get("defaultPayload") == "true",
-                }
-                for payload in settings
-            ]
+            return [self.read(payload) for payload in settings]
         old = tcp_settings(root)
         cog = numbers(old.get("centerOfGravity", "0, 0, 0"))
         return [{"name": self._ONE, "mass": number(old.get("toolPayload", "0")), "cog": cog, "default": True}]
@@ -244,17 +266,12 @@ class Payloads(Section):
         if settings is None:
             self._write_only(tcp_settings(root), row, changes)
             return
-        payload = next(payload for payload in settings if payload.get("name") == row["name"]).attributes
+        payload = next(payload for payload in settings if payload.get("name") == row["name"])
         if changes.get("default") is False and row["default"]:
             raise SettingError(f"Payload {row['name']} is the default: make another payload the default instead")
-        if "name" in changes:
-            payload["name"] = changes["name"]
-        if "mass" in changes:
-            payload["mass"] = double_text(changes["mass"])
-        if "cog" in changes:
-            payload["centerOfGravity"] = doubles_text(changes["cog"])
+        self.put(payload, changes)
         if changes.get("default"):
-            self._make_default(settings, payload["name"])
+            self._make_default(settings, payload.get("name"))
 
     def add(self, root: Element, row: Row) -> None:
         settings = root.child("PayloadSettings")
@@ -298,22 +315,17 @@ class Mounting(Section):
 
     name, title = "mounting", "Mounting"
     fields = (
-        Field("tilt", "Tilt", "number", "rad", -pi, pi),
-        Field("turn", "Rotation of the base", "number", "rad", -2 * pi, 2 * pi),
+        Field("tilt", "Tilt", "number", "rad", -pi, pi, attribute="tiltAngle"),
+        Field("turn", "Rotation of the base", "number", "rad", -2 * pi, 2 * pi, attribute="baseAngle"),
     )
     applied = "immediately"
     places = "`WorldtoMarshal` below `CameraView`: `tiltAngle`, `baseAngle`"
 
     def rows(self, root: Element) -> list[Row]:
-        place = self._place(root)
-        return [{"tilt": number(place.get("tiltAngle")), "turn": number(place.get("baseAngle", "0"))}]
+        return [self.read(self._place(root))]
 
     def write(self, root: Element, row: Row, changes: Row) -> None:
-        place = self._place(root).attributes
-        if "turn" in changes:
-            place["baseAngle"] = double_text(changes["turn"])
-        if "tilt" in changes:
-            place["tiltAngle"] = double_text(changes["tilt"])
+        self.put(self._place(root), changes)
 
     def _place(self, root: Element) -> Element:
         place = next((element for element in root.walk() if "tiltAngle" in element.attributes), None)
@@ -327,10 +339,10 @@ class Features(Section):
 
     name, title = "features", "Feature"
     fields = (
-        Field("name", "Name"),
+        _NAME,
         Field("kind", "Kind", fixed=True),
         Field("pose", "Pose in the base frame", "pose", "m", -_FARTHEST, _FARTHEST),
-        Field("variable", "Variable", "flag"),
+        Field("variable", "Variable", "flag", attribute="isVariable"),
     )
     listed = grows = True
     applied = "with the next program"
@@ -352,10 +364,7 @@ class Features(Section):
             if row["kind"] != "point":
                 raise SettingError(f"the {row['kind']} {row['name']} is defined by its points: move those instead")
             self._move(element, changes["pose"])
-        if "name" in changes:
-            element.attributes["name"] = changes["name"]
-        if "variable" in changes:
-            element.attributes["isVariable"] = flag_text(changes["variable"])
+        self.put(element, changes)
 
     def add(self, root: Element, row: Row) -> None:
         tree = root.child("Features", "GeomFeatures")

@@ -15,7 +15,7 @@ from typing import Any, Final
 from urproto.vectors import ZERO3
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.polyscope.document import DocumentError, Element, link
-from urscript.polyscope.installation_file import PIN_NAMES
+from urscript.polyscope.installation_file import MODBUS_TYPES, PIN_NAMES
 from urscript.polyscope.installation_sections import (
     Features,
     Field,
@@ -25,11 +25,9 @@ from urscript.polyscope.installation_sections import (
     Section,
     SettingError,
     Tcps,
-    doubles_text,
-    flag_text,
     new_element,
 )
-from urscript.polyscope.numbers import number
+from urscript.polyscope.numbers import doubles_text
 from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 from urscript.polyscope.tree import EXTERNAL_CONTROL
 from urscript.polyscope.writer import find_pin
@@ -41,6 +39,7 @@ _PIN_COUNTS: Final = {  # since PolyScope 3.13 and 5.9
     "analog_out": 2, "config_in": 8, "config_out": 8, "GP_bool_in": 128, "GP_bool_out": 128, "GP_int_in": 48,
     "GP_int_out": 48, "GP_float_in": 48, "GP_float_out": 48,
 }  # fmt: skip
+_RATES: Final = ("0", "1", "2", "5", "10", "20", "50", "125")  # Hz
 _WITHOUT_ACTIONS: Final = ("tool_analog_in", "analog_in", "GP_int_in", "GP_float_in")
 _SEVERAL_PAYLOADS: Final = Availability.since(None, "5.10")
 
@@ -126,38 +125,23 @@ class Modbus(Section):
 
     name, title = "modbus", "Modbus signal"
     fields = (
-        Field("name", "Name"),
+        Field("name", "Name", attribute="name"),
         Field("address", "Address of the unit"),
-        Field(
-            "type", "Type", "choice", choices=("DIGITAL_INPUT", "DIGITAL_OUTPUT", "REGISTER_INPUT", "REGISTER_OUTPUT")
-        ),
-        Field("register", "Register", "whole", "", 0, 65535),
-        Field("slave", "Slave", "whole", "", 0, 255),
-        Field("frequency", "Frequency", "choice", "Hz", choices=("0", "1", "2", "5", "10", "20", "50", "125")),
+        Field("type", "Type", "choice", choices=tuple(MODBUS_TYPES), attribute="type"),
+        Field("register", "Register", "whole", "", 0, 65535, attribute="signalAddress"),
+        Field("slave", "Slave", "whole", "", 0, 255, attribute="slaveAddress", default="255"),
+        Field("frequency", "Frequency", "choice", "Hz", choices=_RATES, attribute="updateFrequency", default="10"),
     )
     listed = grows = True
     applied = "with the next program"
     places = "`IOs/ModbusUnits/Unit`: `ipAddress`, `ModbusSignal`"
 
     def rows(self, root: Element) -> list[Row]:
-        return [
-            {
-                "name": signal.get("name"),
-                "address": unit.get("ipAddress"),
-                "type": signal.get("type"),
-                "register": int(number(signal.get("signalAddress", "0"))),
-                "slave": int(number(signal.get("slaveAddress", "255"))),
-                "frequency": signal.get("updateFrequency", "10"),
-            }
-            for unit, signal in self._signals(root)
-        ]
+        return [self.read(signal, address=unit.get("ipAddress")) for unit, signal in self._signals(root)]
 
     def write(self, root: Element, row: Row, changes: Row) -> None:
         unit, signal = next(pair for pair in self._signals(root) if pair[1].get("name") == row["name"])
-        names = {"name": "name", "type": "type", "register": "signalAddress", "slave": "slaveAddress"}
-        for field, attribute in {**names, "frequency": "updateFrequency"}.items():
-            if field in changes:
-                signal.attributes[attribute] = str(changes[field])
+        self.put(signal, changes)
         if "address" in changes and changes["address"] != row["address"]:
             new = self._unit(root, changes["address"])
             unit.children.remove(signal)
@@ -264,12 +248,12 @@ class DefaultProgram(Section):
 
     name, title = "default_program", "Default program"
     fields = (
-        Field("file", "Program file"),
-        Field("load", "Load it at boot", "flag"),
-        Field("start_pin", "Start it by"),
-        Field("start_level", "when the input is high", "flag"),
-        Field("release_pin", "Release the brakes by"),
-        Field("release_level", "when the input is high", "flag"),
+        Field("file", "Program file", attribute="fileName"),
+        Field("load", "Load it at boot", "flag", attribute="autoLoad"),
+        Field("start_pin", "Start it by", attribute="nameOfSensorToAutoStartProgram"),
+        Field("start_level", "when the input is high", "flag", attribute="triggerValueToStartProgram"),
+        Field("release_pin", "Release the brakes by", attribute="nameOfSensorToInitialize"),
+        Field("release_level", "when the input is high", "flag", attribute="triggerValueToInitialize"),
     )
     applied = (
         "immediately for the inputs, at the next boot for the program. A CB3 always obeys the inputs; an e-Series that "
@@ -279,26 +263,11 @@ class DefaultProgram(Section):
         "`DefaultProgramSettings`: `fileName`, `autoLoad`, `nameOfSensorToInitialize`, `triggerValueToInitialize`, "
         "`nameOfSensorToAutoStartProgram`, `triggerValueToStartProgram`"
     )
-    _ATTRIBUTES: Final = {
-        "file": "fileName",
-        "load": "autoLoad",
-        "release_pin": "nameOfSensorToInitialize",
-        "release_level": "triggerValueToInitialize",
-        "start_pin": "nameOfSensorToAutoStartProgram",
-        "start_level": "triggerValueToStartProgram",
-    }
+    _WRITTEN: Final = (*fields[:2], *fields[4:], *fields[2:4])  # in PolyScope's order
     _INPUTS: Final = ("digital_in", "config_in", "tool_in", "GP_bool_in")
 
     def rows(self, root: Element) -> list[Row]:
-        settings = root.child("DefaultProgramSettings")
-        flags = {field.name for field in self.fields if field.kind == "flag"}
-        texts = {name: settings.get(key) if settings else "" for name, key in self._ATTRIBUTES.items()}
-        return [
-            {
-                field.name: texts[field.name] == "true" if field.name in flags else texts[field.name]
-                for field in self.fields
-            }
-        ]
+        return [self.read(root.child("DefaultProgramSettings"))]
 
     def write(self, root: Element, row: Row, changes: Row) -> None:
         updated = {**row, **changes}
@@ -315,16 +284,14 @@ class DefaultProgram(Section):
                 "a default program that is loaded or started needs a file: give its path in the programs folder"
             )
         settings = root.child("DefaultProgramSettings") or new_element(root, "DefaultProgramSettings", {})
-        kept = {key: value for key, value in settings.attributes.items() if key not in self._ATTRIBUTES.values()}
+        ours = {field.attribute for field in self.fields}
+        kept = {key: value for key, value in settings.attributes.items() if key not in ours}
         written = {}
-        for name, key in self._ATTRIBUTES.items():  # in PolyScope's order, and without empty values
-            value = updated[name]
-            text = flag_text(value) if isinstance(value, bool) else value
-            purpose = name.partition("_")[0]
-            if name == "load" or (text and (name == "file" or updated[f"{purpose}_pin"])):
-                written[key] = text
-        settings.attributes.clear()
-        settings.attributes.update({**written, **kept})
+        for field in self._WRITTEN:  # without empty values, and without the levels of inputs that are not used
+            needed = updated.get(f"{field.name.removesuffix('_level')}_pin", updated[field.name])
+            if field.name == "load" or needed:
+                written[field.attribute] = field.text(updated[field.name])
+        settings.attributes = {**written, **kept}
 
 
 SECTIONS: Final[Mapping[str, Section]] = {

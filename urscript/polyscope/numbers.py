@@ -51,6 +51,11 @@ def double_text(value: float) -> str:
     return f"{whole}.{rest.rstrip('0') or '0'}E{int(exponent)}"
 
 
+def doubles_text(values: Sequence[float]) -> str:
+    """Numbers separated by commas, as written in files."""
+    return ", ".join(map(double_text, values))
+
+
 def list_text(values: Sequence[float]) -> str:
     """A list as written in a script, with all digits."""
     return f"[{', '.join(repr(value) for value in values)}]"

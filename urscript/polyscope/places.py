@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from urscript.polyscope.document import Element
-from urscript.polyscope.registry import NODES, Kind
+from urscript.polyscope.registry import Kind, kind_of
 from urscript.polyscope.tree import tag_of
 
 ROOT: Final = "program"  # id of the program itself, which contains threads and subprograms
@@ -83,12 +83,6 @@ class Places:
             self._known[found] = element
         return found
 
-    def kind(self, place: Element) -> Kind | None:
-        """The kind of the node at a place; None for an unknown one."""
-        found = NODES.get(tag_of(place))
-        node = place.resolved()
-        return next((kind for kind in found.kinds if kind.matches(node)), None) if found else None
-
     def known(self, element: Element) -> str:
         """The id of a node; empty for an element that never was one."""
         return self._ids.get(id(element.resolved()), "")
@@ -116,7 +110,7 @@ class Places:
                 continue
             seen.add(id(node))
             left_out = suppressed or written is not place
-            spot = Spot(self.id_of(node), place, written, node, holder, parent, depth, left_out, self.kind(written))
+            spot = Spot(self.id_of(node), place, written, node, holder, parent, depth, left_out, kind_of(written))
             yield spot
             stack.extend((child, among, spot, depth + 1, left_out) for child, among in reversed(children_of(node)))
 
@@ -189,7 +183,7 @@ class Places:
         target = None
         chain = False
         for place in places:
-            kind = self.kind(node_place(place))
+            kind = kind_of(node_place(place))
             if kind is None:
                 raise EditError(f"<{tag_of(node_place(place))}> is an unknown node and cannot be moved")
             if not (chain and kind.stands == "if"):
@@ -275,8 +269,6 @@ class Places:
             raise EditError(f"{spot.title} cannot be {how}: a program has only one", spot.id)
         if how != "copied" and spot.parent is not None and spot.parent.kind and spot.parent.kind.contains == "circle":
             raise EditError(f"{spot.title} cannot be {how}: the CircleMove around it needs two waypoints", spot.id)
-
-    # changing
 
 
 def node_place(place: Element) -> Element:

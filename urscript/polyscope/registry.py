@@ -7,7 +7,7 @@ one, where it may be placed and when it is incomplete. Some types have several k
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias, TypeVar
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.polyscope.document import DocumentError, Element, make
@@ -22,6 +22,7 @@ from urscript.work import Steps
 Status = Literal["supported", "partial"]
 Group = Literal["Basic", "Advanced", "Templates", "URCaps", "Program"]
 Translation: TypeAlias = Callable[[Writer, Element], Steps[None] | None]
+_Written = TypeVar("_Written", bound=Translation)
 
 # where a node may be: at the top level, among other nodes, in a Switch, in a Direction, in a Move, after an If
 Place = Literal["program", "nodes", "switch", "direction", "move", "if"]
@@ -92,13 +93,13 @@ def node(
     note: str = "",
     attributes: str = "",
     children: str = "",
-) -> Callable[[Translation], Translation]:
+) -> Callable[[_Written], _Written]:
     """Register a function as the translation of a node type. A generator function yields after each step.
 
     attributes, children: names in the order of the files, which determines where a new one is inserted.
     """
 
-    def register(translation: Translation) -> Translation:
+    def register(translation: _Written) -> _Written:
         NODES[tag] = NodeType(tag, (translation.__doc__ or "").strip(), status, note, translation, kinds)
         ORDERS[tag] = tuple(attributes.split()), tuple(children.split())
         return translation

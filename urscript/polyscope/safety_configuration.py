@@ -33,6 +33,22 @@ _FACTORY_CHECKSUMS: Final = {
     (Series.E, pi, 2.0 * pi): 3683737400,
     (Series.E, 2.0943951023931953, pi): 1041004964,
 }
+LIMITS: Final[Mapping[str, tuple[str, str]]] = {  # attribute of a LimitSet -> title and unit
+    "tcp_speed": ("TCP speed", "m/s"),
+    "force": ("TCP force", "N"),
+    "power": ("Power", "W"),
+    "momentum": ("Momentum", "kg m/s"),
+    "elbow_speed": ("Elbow speed", "m/s"),
+    "elbow_force": ("Elbow force", "N"),
+    "stopping_time": ("Stopping time", "s"),
+    "stopping_distance": ("Stopping distance", "m"),
+}
+_PRESETS: Final = {  # in the order of a LimitSet
+    "least restricted": (5.0, 250.0, 1000.0, 100.0, 5.0, 250.0, 1.0, 4.0),
+    "default": (1.5, 150.0, 300.0, 25.0, 1.5, 150.0, 0.4, 0.5),
+    "restricted": (0.75, 120.0, 200.0, 10.0, 0.75, 120.0, 0.3, 0.3),
+    "very restricted": (0.25, 100.0, 80.0, 5.0, 0.25, 100.0, 0.2, 0.2),
+}
 
 
 class BoundaryMode(Enum):
@@ -69,7 +85,7 @@ class SafetyOutput(Enum):
     SAFE_HOME = "safeHomeOutput"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class LimitSet:
     """Limits of one safety mode [m/s, N, W, kg m/s, s, m; joints rad/s and rad]; infinite if the series lacks one."""
 
@@ -154,48 +170,7 @@ class SafetyConfiguration:
 
 
 PRESETS: Final[Mapping[str, LimitSet]] = MappingProxyType(
-    {
-        "least restricted": LimitSet(
-            tcp_speed=5.0,
-            force=250.0,
-            power=1000.0,
-            momentum=100.0,
-            elbow_speed=5.0,
-            elbow_force=250.0,
-            stopping_time=1.0,
-            stopping_distance=4.0,
-        ),
-        "default": LimitSet(
-            tcp_speed=1.5,
-            force=150.0,
-            power=300.0,
-            momentum=25.0,
-            elbow_speed=1.5,
-            elbow_force=150.0,
-            stopping_time=0.4,
-            stopping_distance=0.5,
-        ),
-        "restricted": LimitSet(
-            tcp_speed=0.75,
-            force=120.0,
-            power=200.0,
-            momentum=10.0,
-            elbow_speed=0.75,
-            elbow_force=120.0,
-            stopping_time=0.3,
-            stopping_distance=0.3,
-        ),
-        "very restricted": LimitSet(
-            tcp_speed=0.25,
-            force=100.0,
-            power=80.0,
-            momentum=5.0,
-            elbow_speed=0.25,
-            elbow_force=100.0,
-            stopping_time=0.2,
-            stopping_distance=0.2,
-        ),
-    }
+    {name: LimitSet(*values) for name, values in _PRESETS.items()}
 )
 
 # User manuals of both series: fixed limits of recovery mode; position limits do not count there

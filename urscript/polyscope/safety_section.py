@@ -15,6 +15,7 @@ from urproto.text import lines
 from urproto.vectors import as_six
 from urscript.polyscope.safety_configuration import (
     CHANNELS,
+    LIMITS,
     BoundaryMode,
     LimitSet,
     Plane,
@@ -32,16 +33,8 @@ _NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]
 _WORDS: Final = {"true": 1.0, "false": 0.0}
 PLANES: Final = 8
 _ONLY_E: Final = ("elbow_speed", "elbow_force", "stopping_time", "stopping_distance")
-LIMIT_KEYS: Final = {  # key -> attribute of a LimitSet
-    "maxTcpSpeed": "tcp_speed",
-    "maxForce": "force",
-    "maxPower": "power",
-    "maxMomentum": "momentum",
-    "maxElbowSpeed": "elbow_speed",
-    "maxElbowForce": "elbow_force",
-    "maxStoppingTime": "stopping_time",
-    "maxStoppingDistance": "stopping_distance",
-}
+LIMIT_KEYS: Final = {f"max{name.title().replace('_', '')}": name for name in LIMITS}
+"""Key in the file, such as maxTcpSpeed, -> attribute of a LimitSet."""
 
 
 class SafetySettingsError(ValueError):

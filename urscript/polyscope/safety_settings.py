@@ -6,15 +6,15 @@ has, so that no robot accepts the file's safety configuration as its own. That o
 pendant, behind its password.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite, pi
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, TypeAlias
 
 from urproto.robots.model import RobotModel
 from urscript.polyscope.document import Element
 from urscript.polyscope.installation_sections import Field, Row, Section, SettingError, new_element
-from urscript.polyscope.numbers import double_text, numbers
-from urscript.polyscope.safety_configuration import CHANNELS, PRESETS, BoundaryMode, SafetyConfiguration
+from urscript.polyscope.numbers import double_text
+from urscript.polyscope.safety_configuration import CHANNELS, LIMITS, PRESETS, BoundaryMode, SafetyConfiguration
 from urscript.polyscope.safety_section import LIMIT_KEYS, PLANES, SafetySettingsError, read_safety_settings
 from urscript.polyscope.safety_text import (
     UNASSIGNED,
@@ -27,32 +27,15 @@ from urscript.polyscope.safety_text import (
     with_value,
 )
 
+Lines: TypeAlias = list[tuple[str, str, str | None]]  # section, key and value, None to remove the line
 TAG: Final = "SafetySettings"
 _MODES: Final = ("Normal", "Reduced")
 _JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
-_UNITS: Final = {
-    "maxTcpSpeed": "m/s",
-    "maxForce": "N",
-    "maxPower": "W",
-    "maxMomentum": "kg m/s",
-    "maxElbowSpeed": "m/s",
-    "maxElbowForce": "N",
-    "maxStoppingTime": "s",
-    "maxStoppingDistance": "m",
-}
-_WORDS: Final = {
-    "maxTcpSpeed": "TCP speed",
-    "maxForce": "TCP force",
-    "maxPower": "Power",
-    "maxMomentum": "Momentum",
-    "maxElbowSpeed": "Elbow speed",
-    "maxElbowForce": "Elbow force",
-    "maxStoppingTime": "Stopping time",
-    "maxStoppingDistance": "Stopping distance",
-}
 _TURNS_RAD: Final = 363.0 * pi / 180.0  # the widest position limit in public files
 _FASTEST_RAD_S: Final = 8.0  # guess: above every arm's limit
-_FARTHEST_M: Final = 10.0  # guess: no plane is of use farther away
+_FAR_M: Final = (-10.0, 10.0)  # guess: no plane is of use farther away
+_WIDEST_RAD: Final = 181.0 * pi / 180.0  # of the tool direction where it is not limited
+_DEVIATION: Final = "maximumTcpOrientationDeviation"
 _PAIRS: Final = tuple(f"{pin}, {pin + 1}" for pin in range(0, CHANNELS, 2))
 
 
@@ -89,9 +72,32 @@ class SafetySection(Section):
         """The rows of this page."""
         raise NotImplementedError
 
-    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> Lines:
         """Section, key and value of each line that a change affects. Raises SettingError."""
         raise NotImplementedError
+
+    def row_in(self, text: str, section: str, **others: Any) -> Row:
+        """The row of a section with a line for each field. others: values of fields without a line."""
+        return {
+            field.name: field.read(value_of(text, section, field.attribute) or "")
+            if field.attribute
+            else others[field.name]
+            for field in self.fields
+        }
+
+    def lines_in(self, section: str, changes: Row) -> Lines:
+        """The lines for the changes to such a row."""
+        changed = ((field, changes[field.name]) for field in self.fields if field.name in changes)
+        return [
+            (section, field.attribute, list_text(value) if field.kind == "vector" else field.text(value))
+            for field, value in changed
+        ]
+
+
+def _mode(*modes: BoundaryMode) -> Field:
+    return Field(
+        "mode", "Restricts", "choice", choices=tuple(mode.name for mode in modes), attribute="mode", default="DISABLED"
+    )
 
 
 class RobotLimits(SafetySection):
@@ -108,14 +114,14 @@ class RobotLimits(SafetySection):
 
     def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
         return [
-            {"limit": f"{_WORDS[key]} [{_UNITS[key]}]", "normal": normal, "reduced": reduced}
-            for key, name in LIMIT_KEYS.items()
+            {"limit": f"{title} [{unit}]", "normal": normal, "reduced": reduced}
+            for name, (title, unit) in LIMITS.items()
             if isfinite(normal := getattr(safety.normal, name)) and isfinite(reduced := getattr(safety.reduced, name))
         ]
 
-    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
-        key = next(key for key in LIMIT_KEYS if row["limit"].startswith(f"{_WORDS[key]} ["))
-        most = getattr(PRESETS["least restricted"], LIMIT_KEYS[key])
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> Lines:
+        key, name = next(item for item in LIMIT_KEYS.items() if row["limit"].startswith(f"{LIMITS[item[1]][0]} ["))
+        most = getattr(PRESETS["least restricted"], name)
         for mode, value in changes.items():
             if not 0.0 < value <= most:
                 raise SettingError(
@@ -159,9 +165,9 @@ class JointLimits(SafetySection):
             rows.append(row)
         return rows
 
-    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> Lines:
         n = _JOINTS.index(row["joint"])
-        found: list[tuple[str, str, str | None]] = []
+        found: Lines = []
         for mode in _MODES:
             section, own = f"SafetyLimits {mode} Joints", mode.lower()
             if updated["limited"] and updated[f"{own}_min"] >= updated[f"{own}_max"]:
@@ -190,33 +196,20 @@ class Planes(SafetySection):
     name, title = "safety_planes", "Safety: planes"
     fields = (
         Field("plane", "Plane", fixed=True),
-        Field("name", "Name"),
-        Field("mode", "Restricts", "choice", choices=tuple(mode.name for mode in BoundaryMode)),
-        Field("normal", "Normal, to the inside", "vector", "", -1.0, 1.0),
-        Field("distance", "Distance of the base from it", "number", "m", -_FARTHEST_M, _FARTHEST_M),
-        Field("elbow", "Restricts the elbow too", "flag"),
+        Field("name", "Name", attribute="name"),
+        _mode(*BoundaryMode),
+        Field("normal", "Normal, to the inside", "vector", "", -1.0, 1.0, attribute="planeNormal"),
+        Field("distance", "Distance of the base from it", "number", "m", *_FAR_M, attribute="distanceToOrigin"),
+        Field("elbow", "Restricts the elbow too", "flag", attribute="elbowRestricted"),
     )
     listed = True
     places = "`[SafetyLimits BoundaryPlane0]` to 7; a plane that is moved here no longer follows its feature"
 
     def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
-        rows = []
-        for n in range(PLANES):
-            section = f"SafetyLimits BoundaryPlane{n}"
-            if keys_of(text, section):
-                rows.append(
-                    {
-                        "plane": str(n),
-                        "name": value_of(text, section, "name") or "",
-                        "mode": value_of(text, section, "mode") or "DISABLED",
-                        "normal": numbers((value_of(text, section, "planeNormal") or "0, 0, 0").strip("[]")),
-                        "distance": float(value_of(text, section, "distanceToOrigin") or 0.0),
-                        "elbow": value_of(text, section, "elbowRestricted") == "true",
-                    }
-                )
-        return rows
+        sections = {str(n): f"SafetyLimits BoundaryPlane{n}" for n in range(PLANES)}
+        return [self.row_in(text, section, plane=n) for n, section in sections.items() if keys_of(text, section)]
 
-    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> Lines:
         section = f"SafetyLimits BoundaryPlane{row['plane']}"
         x, y, z = updated["normal"]
         length = (x * x + y * y + z * z) ** 0.5
@@ -224,17 +217,9 @@ class Planes(SafetySection):
             raise SettingError(f"plane {row['plane']} is active but has no normal: set its normal")
         if changes.get("elbow") is not None and "elbowRestricted" not in keys_of(text, section):
             raise SettingError("planes of this PolyScope version do not restrict the elbow")
-        found: list[tuple[str, str, str | None]] = []
-        if "name" in changes:
-            found.append((section, "name", changes["name"]))
-        if "mode" in changes:
-            found.append((section, "mode", changes["mode"]))
-        if "elbow" in changes:
-            found.append((section, "elbowRestricted", "true" if changes["elbow"] else "false"))
         if "normal" in changes:
-            found.append((section, "planeNormal", list_text([part / (length or 1.0) for part in (x, y, z)])))
-        if "distance" in changes:
-            found.append((section, "distanceToOrigin", double_text(changes["distance"])))
+            changes = {**changes, "normal": [part / (length or 1.0) for part in (x, y, z)]}
+        found = self.lines_in(section, changes)
         if "normal" in changes or "distance" in changes:
             found += [(section, "sourceFeatureId", None), (section, "displacement", "0.0")]
         return found
@@ -245,38 +230,26 @@ class ToolDirection(SafetySection):
 
     name, title = "safety_tool_direction", "Safety: tool direction"
     fields = (
-        Field("mode", "Restricts", "choice", choices=("DISABLED", "NORMAL", "REDUCED", "BOTH")),
-        Field("direction", "Direction", "vector", "", -1.0, 1.0),
-        Field("deviation", "Deviation", "number", "rad", 0.0, 181.0 * pi / 180.0),
+        _mode(BoundaryMode.DISABLED, BoundaryMode.NORMAL, BoundaryMode.REDUCED, BoundaryMode.BOTH),
+        Field("direction", "Direction", "vector", "", -1.0, 1.0, attribute="tcpOrientationVector", default="0, 0, 1"),
+        Field("deviation", "Deviation", "number", "rad", 0.0, _WIDEST_RAD, attribute=_DEVIATION, default=repr(pi)),
     )
     places = "`[SafetyLimits ToolOrientation]`"
     _SECTION: Final = "SafetyLimits ToolOrientation"
 
     def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
-        if not keys_of(text, self._SECTION):
-            return []
-        return [
-            {
-                "mode": value_of(text, self._SECTION, "mode") or "DISABLED",
-                "direction": numbers((value_of(text, self._SECTION, "tcpOrientationVector") or "0, 0, 1").strip("[]")),
-                "deviation": float(value_of(text, self._SECTION, "maximumTcpOrientationDeviation") or pi),
-            }
-        ]
+        return [self.row_in(text, self._SECTION)] if keys_of(text, self._SECTION) else []
 
-    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> Lines:
         x, y, z = updated["direction"]
         length = (x * x + y * y + z * z) ** 0.5
         if length < 1e-6:
             raise SettingError("the tool direction must not be a zero vector")
         if updated["mode"] != "DISABLED" and not 0.0 < updated["deviation"] < pi:
             raise SettingError("the limit of the tool direction must be more than 0° and less than 180°")
-        values: dict[str, Callable[[], str]] = {
-            "mode": lambda: str(changes["mode"]),
-            "direction": lambda: list_text([x / length, y / length, z / length]),
-            "deviation": lambda: double_text(changes["deviation"]),
-        }
-        keys = {"mode": "mode", "direction": "tcpOrientationVector", "deviation": "maximumTcpOrientationDeviation"}
-        return [(self._SECTION, keys[name], values[name]()) for name in changes]
+        if "direction" in changes:
+            changes = {**changes, "direction": [x / length, y / length, z / length]}
+        return self.lines_in(self._SECTION, changes)
 
 
 class SafetySignals(SafetySection):
@@ -301,7 +274,7 @@ class SafetySignals(SafetySection):
                     rows.append({"function": key[:-1], "pins": used})
         return rows
 
-    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> Lines:
         function, pins = row["function"], updated["pins"]
         which = "Inputs" if function.endswith("Input") else "Outputs"
         section = f"SafetyIOConfiguration {which}"
@@ -329,9 +302,9 @@ class SafeHome(SafetySection):
         home = safety.safe_home
         return [{"defined": home is not None} | {f"q{n}": angle for n, angle in enumerate(home or (0.0,) * 6)}]
 
-    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> Lines:
         home = [updated[f"q{n}"] for n in range(6)] if updated["defined"] else None
-        lines: list[tuple[str, str, str | None]] = [("SafeHome", "safeHomePosition", home_text(home))]
+        lines: Lines = [("SafeHome", "safeHomePosition", home_text(home))]
         if "safeHomeEnabled" in keys_of(text, "SafeHome"):
             lines.append(("SafeHome", "safeHomeEnabled", "1" if updated["defined"] else "0"))
         return lines

@@ -11,7 +11,7 @@ from typing import Final
 from urproto.robots.model import RobotModel
 from urproto.vectors import as_six
 from urproto.versions import Series
-from urscript.polyscope.numbers import double_text
+from urscript.polyscope.numbers import double_text, doubles_text
 from urscript.polyscope.safety_configuration import (
     LimitSet,
     Pins,
@@ -67,7 +67,7 @@ def _lines_of(text: str, section: str, key: str | None) -> Iterator[tuple[int, s
 
 def list_text(values: Sequence[float]) -> str:
     """Numbers in brackets."""
-    return f"[{', '.join(map(double_text, values))}]"
+    return f"[{doubles_text(values)}]"
 
 
 def turns_of(angle: float) -> tuple[float, int]:
@@ -95,10 +95,7 @@ def settings_text(configuration: SafetyConfiguration, model: RobotModel) -> str:
     if e_series:
         fast = "1" if configuration.manual_high_speed else "0"
         sections += [
-            (
-                "ThreePositionEnabling",
-                {"useTP3PE": "0", "allowManualHighSpeed": fast},
-            ),
+            ("ThreePositionEnabling", {"useTP3PE": "0", "allowManualHighSpeed": fast}),
             ("SafeHome", {"safeHomePosition": home_text(configuration.safe_home)}),
         ]
     pieces = [f"[{name}]\n" + "".join(f"{key} = {value}\n" for key, value in rows.items()) for name, rows in sections]

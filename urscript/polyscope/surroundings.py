@@ -13,7 +13,7 @@ from urscript.polyscope.writer import BASE, TOOL
 
 _FAVOURITES: Final = PolyscopeVersion(5, 13)  # first version whose variables have a favourite flag (seen)
 _FEATURE_REFERENCE: Final = "GeomFeatureReference"
-_VARIABLE_TAGS: Final = ("variable", "ProgramVariable", "InstallationVariable", "loopVariable")
+VARIABLE_TAGS: Final = ("variable", "ProgramVariable", "InstallationVariable", "loopVariable")
 
 
 FEATURE_TITLES: Final = {BASE: "Base", TOOL: "Tool"}
@@ -84,7 +84,7 @@ class Surroundings:
         found: dict[str, Element] = {}
         for place in self.root.places():
             element = place.resolved()
-            if place.tag in _VARIABLE_TAGS and "name" in element.attributes and element.child("expression") is None:
+            if place.tag in VARIABLE_TAGS and "name" in element.attributes and element.child("expression") is None:
                 found.setdefault(element.attributes["name"], element)
         return found
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from urscript.polyscope.document import Element, sharing
-from urscript.polyscope.surroundings import FieldError, Surroundings
+from urscript.polyscope.surroundings import VARIABLE_TAGS, FieldError, Surroundings
 from urscript.polyscope.tree import tag_of
 
-_VARIABLES: Final = ("variable", "ProgramVariable", "InstallationVariable", "loopVariable")
 _NAMED: Final = ("pin", "tcp", "feature")
 _UNIQUE: Final = {"Thread": "Thread", "SubProgram": "SubProgram"}
 
@@ -83,7 +82,7 @@ def _bound(
 ) -> Element:
     """The child, or the object of the program that replaces it."""
     name = child.get("name")
-    if child.tag in _VARIABLES and name and child.child("expression") is None:
+    if child.tag in VARIABLE_TAGS and name and child.child("expression") is None:
         found = made.get(name)
         if found is not None:
             bound = sharing(child.tag, found)

@@ -38,10 +38,7 @@ class _List:
         with page.panel("Controller manager", "controllers-panel"):
             problem = page.live.text(lambda station: station.manager.problem, "controllers-problem")
             problem.props("role=status data-testid=manager-problem")
-            with (
-                ui.element("div").classes("controllers-rows").props('role=list aria-label="Controllers"') as self._rows
-            ):
-                pass
+            self._rows = ui.element("div").classes("controllers-rows").props('role=list aria-label="Controllers"')
             with ui.row().classes("controllers-tools"):
                 switch = ui.button("Switch ticked", icon="swap_vert", on_click=page.handler(self._switch))
                 switch.props("no-caps unelevated data-testid=controllers-switch")
@@ -159,7 +156,7 @@ class _Sliders:
             enabled = await self._page.attempt(self._start)
         self._switch.set_value(enabled)
 
-    async def _start(self) -> None:
+    def _start(self) -> None:
         self._panel.enable()
         self._page.station.notify_pages()
 

@@ -74,10 +74,7 @@ class SignalPicker:
         await self._show([signal for key, signal in self._catalogue.items() if key in selected_keys])
 
     async def _show(self, chosen: list[Series]) -> None:
-        async def choose() -> None:
-            self._plots.choose(self._pane, chosen)
-
-        if await self._page.attempt(choose):
+        if await self._page.attempt(lambda: self._plots.choose(self._pane, chosen)):
             self._dialog.close()
 
 

@@ -1,17 +1,18 @@
 """Initialize: power and brakes, the state of the safety system, payload, and the state of each joint."""
 
-from collections.abc import Callable
 from math import ceil, degrees
-from typing import Any, Final
+from typing import Final
 
 from nicegui import ui
 
 from client import dashboard
 from client.dashboard_commands import Operation
+from client.pendant.events import report_text
 from client.pendant.page import Page
+from client.pendant.readings import UNKNOWN, ReadText, board_text, field_text, field_value, mode_text
+from client.pendant.screens.payload import payload_form
 from client.pendant.situation import STAGES, Action, Tone
 from client.pendant.station import Station
-from urproto.errorcodes import error_text
 from urproto.joints import JOINT_TITLES
 from urproto.modes import JointMode, ReportLevel, SafetyMode, SafetyStatusBits, ToolMode
 from urproto.primary.messages import ErrorCodeMessage
@@ -26,8 +27,6 @@ _RECOVERY_TEXTS: Final = {
     Action.RESET_SAFEGUARD: "Reset safeguard",
     Action.RESTART_SAFETY: "Restart safety",
 }
-_AXES: Final = ("CX", "CY", "CZ")
-_MM: Final = 1e3
 _HOT_C: Final = (60.0, 80.0)  # guess: warm, hot; joints switch off by themselves
 _LAMPS: Final[dict[str, Tone]] = {
     "Running": "ready",
@@ -36,7 +35,6 @@ _LAMPS: Final[dict[str, Tone]] = {
     "Violation": "stopped",
     "Fault": "stopped",
 }
-_UNKNOWN: Final = "–"
 _MAX_C: Final = 100.0
 
 
@@ -53,9 +51,9 @@ def safety_panel(page: Page) -> None:
             _emergency_button(page)
         _recovery_button(page)
         with ui.element("div").classes("init-facts"):
-            _safety_fact(page, "Emergency stop", _emergency_text, "estop-state")
-            _safety_fact(page, "Safeguard", safeguard_text, "safeguard-state")
-            _safety_fact(page, "Limits", _limits_text, "limits-state")
+            _fact(page, "Emergency stop", _emergency_text, "estop-state")
+            _fact(page, "Safeguard", safeguard_text, "safeguard-state")
+            _fact(page, "Limits", _limits_text, "limits-state")
             _control_fact(page)
 
 
@@ -67,9 +65,7 @@ def stop_cause(station: Station) -> str:
         report = None if stop is None else stop.cause
     else:
         report = _last_serious_error(station) if station.situation.recovery_action is Action.RESTART_SAFETY else None
-    if report is None:
-        return ""
-    return f"{report.label}: {report.text.strip() or error_text(report.code, report.argument)}"
+    return "" if report is None else f"{report.label}: {report_text(report)}"
 
 
 def _last_serious_error(station: Station) -> ErrorCodeMessage | None:
@@ -135,10 +131,11 @@ async def _toggle_emergency_stop(station: Station) -> None:
     await station.emulator.change(verb, button="robot")
 
 
-def _safety_fact(page: Page, name: str, read: Callable[[Station], str], test_id: str) -> None:
-    with ui.element("div").classes("init-fact"):
+def _fact(page: Page, name: str, read: ReadText, test_id: str = "", classes: str = "") -> ui.element:
+    with ui.element("div").classes("init-fact") as fact:
         ui.label(name).classes("init-th")
-        page.live.text(read).props(f"data-testid={test_id}")
+        page.live.text(read, classes).props(f"data-testid={test_id}" if test_id else "")
+    return fact
 
 
 def _bits(station: Station) -> SafetyStatusBits:
@@ -147,7 +144,7 @@ def _bits(station: Station) -> SafetyStatusBits:
 
 def _emergency_text(station: Station) -> str:
     if not station.connected:
-        return _UNKNOWN
+        return UNKNOWN
     bits = _bits(station)
     return next((text for bit, text in _EMERGENCY_BITS if bits & bit), "Released")
 
@@ -155,7 +152,7 @@ def _emergency_text(station: Station) -> str:
 def safeguard_text(station: Station) -> str:
     """The state of an emulator's safeguard; a robot only reports whether the stop is in force."""
     if not station.connected:
-        return _UNKNOWN
+        return UNKNOWN
     stopped = bool(_bits(station) & SafetyStatusBits.SAFEGUARD_STOPPED)
     if station.safeguard_open is None:
         return "Open or not reset" if stopped else "Closed"
@@ -167,7 +164,7 @@ def safeguard_text(station: Station) -> str:
 
 def _limits_text(station: Station) -> str:
     if not station.connected:
-        return _UNKNOWN
+        return UNKNOWN
     bits = _bits(station)
     if bits & SafetyStatusBits.RECOVERY:
         return "Recovery"
@@ -177,9 +174,7 @@ def _limits_text(station: Station) -> str:
 def _control_fact(page: Page) -> None:
     """Remote or local control: e-Series robots accept commands from clients or from their own pendant."""
     station = page.station
-    with ui.element("div").classes("init-fact") as fact:
-        ui.label("Control").classes("init-th")
-        page.live.text(_control_text, "").props("data-testid=control-state")
+    fact = _fact(page, "Control", _control_text, "control-state")
     page.show_if(fact, lambda s: s.connected and s.remote_control.value is not None)
     with fact:
         button = ui.button(icon="swap_horiz", on_click=page.handler(lambda: _toggle_remote_control(station)))
@@ -199,70 +194,6 @@ async def _toggle_remote_control(station: Station) -> None:
     station.remote_control.refresh()
 
 
-Payload = tuple[float, float, float, float]  # kg, mm
-
-
-def payload_panel(page: Page) -> None:
-    """Fields for mass and centre of gravity, which follow the robot, and a button that sets them."""
-    with page.panel("Active payload", "init-payload"):
-        with ui.element("div").classes("init-payload-fields"):
-            mass = _number_field("Mass", "kg", "payload-mass", "%.3f", minimum=0.0, step=0.1)
-            cog = [_number_field(axis, "mm", f"payload-{axis.lower()}", "%.1f") for axis in _AXES]
-            apply = page.handler(lambda: _apply_payload(page.station, [mass, *cog]), "The payload is set")
-            page.needs_robot(ui.button("Set", on_click=apply)).props("unelevated data-testid=payload-set")
-        page.live.text(_rated_payload, "init-hint")
-
-    def show(payload: Payload | None) -> None:
-        for field, value in zip((mass, *cog), payload or (None,) * 4, strict=True):
-            field.set_value(value)
-
-    page.live.effect(_active_payload, show)
-
-
-def _number_field(
-    name: str, unit: str, test_id: str, format_: str, minimum: float | None = None, step: float = 1.0
-) -> ui.number:
-    field = ui.number(name, format=format_, min=minimum, step=step).props(
-        f"outlined dense hide-bottom-space suffix={unit} data-testid={test_id}"
-    )
-    return field.classes("number")
-
-
-def _active_payload(station: Station) -> Payload | None:
-    mass, cog = station.values.get("payload"), station.values.get("payload_cog")
-    if mass is None or cog is None:
-        return None
-    return (round(mass, 3), *(round(_MM * value, 1) for value in cog))
-
-
-def _rated_payload(station: Station) -> str:
-    model = station.model
-    return "" if model is None else f"Rated payload {model.payload_max_kg:g} kg. Centre of gravity from the flange."
-
-
-async def _apply_payload(station: Station, fields: list[ui.number]) -> None:
-    if any(field.value is None for field in fields):
-        raise ValueError("The payload needs a mass and three coordinates of its centre of gravity.")
-    mass, *cog = (float(field.value) for field in fields)
-    await set_payload(station, mass, [value / _MM for value in cog])
-
-
-async def set_payload(station: Station, mass_kg: float, cog_m: list[float]) -> None:
-    """Set the payload in parallel to the running program; on an emulator in local control, by a verb.
-
-    Raises ValueError, ClientError.
-    """
-    if mass_kg < 0.0:
-        raise ValueError(f"The payload cannot be {mass_kg:g} kg: a mass is 0 or more.")
-    if station.emulator.available and station.remote_control.value is False:
-        await station.emulator.change("set_payload", mass_kg=mass_kg, cog_m=cog_m)
-    else:
-        await station.run_statements(f"set_payload({mass_kg!r}, {cog_m!r})")
-
-
-ReadText = Callable[[Station], str]
-
-
 def joints_panel(page: Page) -> None:
     """A row for each joint and one for the tool; the control box below."""
     with page.panel("Joints", "init-joints"):
@@ -273,35 +204,30 @@ def joints_panel(page: Page) -> None:
                 _joint_row(page, number, name)
             _tool_row(page)
         with ui.element("div").classes("init-box"):
-            for name, field, format_ in (
-                ("Main voltage", "actual_main_voltage", "{:.1f} V"),
-                ("Robot voltage", "actual_robot_voltage", "{:.1f} V"),
-                ("Robot current", "actual_robot_current", "{:.2f} A"),
+            for name, read in (
+                ("Main voltage", field_text("actual_main_voltage", "{:.1f} V")),
+                ("Robot voltage", field_text("actual_robot_voltage", "{:.1f} V")),
+                ("Robot current", field_text("actual_robot_current", "{:.2f} A")),
+                ("Control box", board_text(lambda board: f"{board.board_temperature:.1f} °C")),
+                ("Controller up", _uptime_text),
             ):
-                _fact(page, name, _scalar_text(field, format_))
-            _fact(page, "Control box", _control_box_temperature)
-            _fact(page, "Controller up", _uptime_text)
+                _fact(page, name, read, classes="init-number")
 
 
 def _joint_row(page: Page, number: int, name: str) -> None:
-    _mode_cell(
-        page,
-        name,
-        f"joint-mode-{number}",
-        lambda station: _mode_name(JointMode, _element(station, "joint_mode", number)),
-    )
-    _text_cell(page, _joint_text("actual_q", number, "{:.2f} °", degrees))
-    _text_cell(page, _joint_text("actual_qd", number, "{:.1f} °/s", degrees))
-    _text_cell(page, _joint_text("actual_current", number, "{:.2f} A"))
-    _temperature_cell(page, lambda station: _element(station, "joint_temperatures", number))
+    _mode_cell(page, name, f"joint-mode-{number}", mode_text("joint_mode", JointMode, number))
+    _text_cell(page, field_text("actual_q", "{:.2f} °", number, degrees))
+    _text_cell(page, field_text("actual_qd", "{:.1f} °/s", number, degrees))
+    _text_cell(page, field_text("actual_current", "{:.2f} A", number))
+    _temperature_cell(page, "joint_temperatures", number)
 
 
 def _tool_row(page: Page) -> None:
-    _mode_cell(page, "Tool", "tool-mode", lambda station: _mode_name(ToolMode, station.values.get("tool_mode")))
-    _text_cell(page, _scalar_text("tool_output_voltage", "{:d} V"))
+    _mode_cell(page, "Tool", "tool-mode", mode_text("tool_mode", ToolMode))
+    _text_cell(page, field_text("tool_output_voltage", "{:d} V"))
     _text_cell(page, lambda station: "")
-    _text_cell(page, _scalar_text("tool_output_current", "{:.2f} A"))
-    _temperature_cell(page, lambda station: station.values.get("tool_temperature"))
+    _text_cell(page, field_text("tool_output_current", "{:.2f} A"))
+    _temperature_cell(page, "tool_temperature")
 
 
 def _mode_cell(page: Page, name: str, test_id: str, read: ReadText) -> None:
@@ -316,74 +242,25 @@ def _text_cell(page: Page, read: ReadText) -> None:
     page.live.text(read, "init-cell init-number")
 
 
-def _temperature_cell(page: Page, read: Callable[[Station], Any]) -> None:
-    def text(station: Station) -> str:
-        value = read(station)
-        return _UNKNOWN if value is None else f"{value:.1f} °C"
+def _temperature_cell(page: Page, field: str, index: int | None = None) -> None:
+    def celsius(station: Station) -> float:
+        return field_value(station, field, index) or 0.0
 
     def state(station: Station) -> str:
-        value = read(station) or 0.0
+        value = celsius(station)
         return "hot" if value > _HOT_C[1] else "warm" if value > _HOT_C[0] else "fine"
 
     with ui.element("div").classes("init-cell init-temperature"):
-        page.live.text(text, "init-number")
+        page.live.text(field_text(field, "{:.1f} °C", index), "init-number")
         with ui.element("div").classes("init-bar"):
             bar = ui.element("div")
-            page.live.bind(bar, "width", lambda station: round(100 * min(1.0, (read(station) or 0.0) / _MAX_C)))
+            page.live.bind(bar, "width", lambda station: round(100 * min(1.0, celsius(station) / _MAX_C)))
             page.live.bind(bar, "state", state)
-
-
-def _fact(page: Page, name: str, read: ReadText) -> None:
-    with ui.element("div").classes("init-fact"):
-        ui.label(name).classes("init-th")
-        page.live.text(read, "init-number")
-
-
-def _element(station: Station, field: str, number: int) -> Any:
-    values = station.values.get(field)
-    return None if values is None else values[number]
-
-
-def _joint_text(field: str, number: int, format_: str, convert: Callable[[float], float] = float) -> ReadText:
-    def read(station: Station) -> str:
-        value = _element(station, field, number)
-        return _UNKNOWN if value is None else _format_value(format_, convert(value))
-
-    return read
-
-
-def _scalar_text(field: str, format_: str) -> ReadText:
-    def read(station: Station) -> str:
-        value = station.values.get(field)
-        return _UNKNOWN if value is None else _format_value(format_, value)
-
-    return read
-
-
-def _format_value(format_: str, value: float) -> str:
-    """Format a value without a minus sign before zero."""
-    text = format_.format(value)
-    return text.removeprefix("-") if text.startswith("-0") and not text.strip("-0. °/sAVC") else text
-
-
-def _mode_name(modes: type[JointMode] | type[ToolMode], value: Any) -> str:
-    if value is None:
-        return _UNKNOWN
-    try:
-        return modes(value).name.replace("_", " ").capitalize()
-    except ValueError:  # newer robots may have more modes
-        return str(value)
-
-
-def _control_box_temperature(station: Station) -> str:
-    state = station.primary_state
-    board = None if state is None else state.masterboard
-    return _UNKNOWN if board is None else f"{board.board_temperature:.1f} °C"
 
 
 def _uptime_text(station: Station) -> str:
     if "timestamp" not in station.values:
-        return _UNKNOWN
+        return UNKNOWN
     seconds = int(station.values["timestamp"])
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
@@ -394,7 +271,8 @@ def build(page: Page) -> None:
         _power_panel(page)
         safety_panel(page)
         joints_panel(page)
-        payload_panel(page)
+        with page.panel("Active payload", "init-payload"):
+            payload_form(page, "Set", "payload-set")
 
 
 def _power_panel(page: Page) -> None:

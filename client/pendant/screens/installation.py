@@ -6,45 +6,25 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.driver.script_sender import SENDER_PORT
-from client.pendant.mounting import apply_gravity, apply_payload, tilt_of
+from client.pendant.mounting import apply_gravity, tilt_of
 from client.pendant.page import Page, Views
 from client.pendant.screens import installation_arm, installation_settings, installation_tcp
+from client.pendant.screens.payload import active_payload, payload_form
 from client.pendant.station import Station
 from urscript.polyscope.installation_file import gravity_of
 
-_MM: Final = 1000.0
 _PRESETS: Final = {"Floor": (0, 0), "Wall": (90, 0), "Ceiling": (180, 0)}  # degrees
 
 
 def build_payload(page: Page) -> None:
     """The payload that the robot assumes: mass and centre of gravity."""
-    station = page.station
     with page.panel("Payload", "installation-panel"):
         page.live.text(_payload_text, "active-line").props("data-testid=payload-active")
-        with ui.element("div").classes("six four"):
-            mass = _number_field("Mass [kg]", "payload-mass")
-            cog = [_number_field(f"C{axis} [mm]", f"payload-c{axis.lower()}") for axis in "XYZ"]
-
-        async def apply() -> None:
-            values = [box.value for box in (mass, *cog)]
-            if any(value is None for value in values):
-                raise ValueError("a payload has four numbers: fill in all of them")
-            if values[0] < 0:
-                raise ValueError(f"a payload of {values[0]:g} kg: a mass cannot be negative")
-            if await apply_payload(station, values[0], [value / _MM for value in values[1:]]):
-                page.show_message("Payload in use")
-            else:
-                page.show_message("Payload sent; this version does not report which one it uses")
-
-        with ui.row().classes("items-center"):
-            page.needs_robot(ui.button("Use it", on_click=page.handler(apply))).props("no-caps data-testid=payload-use")
-            page.live.text(_limit_text, "soft")
-    page.live.effect(_payload_values, lambda values: _fill((mass, *cog), values))
+        payload_form(page, "Use it", "payload-use")
 
 
 def build_mounting(page: Page) -> None:
     """The mounting of the base: the direction of gravity."""
-    station = page.station
     with page.panel("Mounting", "installation-panel"):
         page.live.text(_mounting_text, "active-line").props("data-testid=mounting-active")
         presets = ui.row().classes("items-center")
@@ -66,10 +46,9 @@ def build_mounting(page: Page) -> None:
             )
 
         async def apply() -> None:
-            if await apply_gravity(station, entered_gravity()):
-                page.show_message("Mounting in use")
-            else:
-                page.show_message("Mounting sent; this version does not report which one it uses")
+            confirmed = await apply_gravity(page.station, entered_gravity())
+            unconfirmed = "Mounting sent; this version does not report which one it uses"
+            page.show_message("Mounting in use" if confirmed else unconfirmed)
 
         for box in (tilt, turn):
             box.on_value_change(show_gravity)
@@ -89,22 +68,12 @@ def _fill(boxes: tuple[ui.number, ...], values: tuple[float, ...] | None) -> Non
         box.set_value(value)
 
 
-def _payload_values(station: Station) -> tuple[float, ...] | None:
-    mass, cog = station.values.get("payload"), station.values.get("payload_cog")
-    return None if mass is None or cog is None else (round(mass, 4), *(round(_MM * value, 3) + 0.0 for value in cog))
-
-
 def _payload_text(station: Station) -> str:
-    values = _payload_values(station)
+    values = active_payload(station)
     if values is None:
         return "This version does not report its payload" if station.connected else "-"
     mass, x, y, z = values
     return f"In effect: {mass:.3f} kg at {x:.1f}, {y:.1f}, {z:.1f} mm"
-
-
-def _limit_text(station: Station) -> str:
-    model = station.model
-    return "" if model is None else f"{model.title} carries {model.payload_max_kg:g} kg"
 
 
 def _mounting_text(station: Station) -> str:

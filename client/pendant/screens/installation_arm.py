@@ -13,6 +13,7 @@ from client import dashboard
 from client.calibration import calibration_of, is_nominal, write_calibration
 from client.dashboard_commands import Operation
 from client.pendant.page import Page, Views
+from client.pendant.readings import board_text
 from client.pendant.station import Station
 from urproto.errors import RobotRefused
 from urproto.joints import JOINT_TITLES
@@ -26,16 +27,16 @@ _HEADERS: Final = ("Joint", "From", "To", "Speed", "Acceleration")
 def build(page: Page, views: Views) -> None:
     """Add the view to the page."""
     with page.panel("Robot", "installation-panel"), ui.element("div").classes("facts"):
-        _fact(page, "Model", lambda s: s.model.title if s.model else "-")
-        _fact(page, "Serial number", _query(page, views, dashboard.SERIAL_NUMBER, str)).props("data-testid=serial")
-        _fact(page, "PolyScope", lambda s: str(s.version or "-"))
-        _fact(page, "Series", lambda s: s.version.series.value if s.version else "-")
-        _fact(page, "Controller box", lambda s: _arm(s, lambda arm: mode_name(ControllerBox, arm.controller_box)))
-        _fact(page, "Masterboard", lambda s: _arm(s, lambda arm: str(arm.masterboard_version)))
-        _fact(page, "Robot type", lambda s: _arm(s, lambda arm: f"{arm.robot_type}, sub type {arm.sub_type}"))
-        _fact(page, "Address", lambda s: s.robot_ip)
-        _fact(page, "Reach", lambda s: f"{1000 * s.model.reach_m:.0f} mm" if s.model else "-")
-        _fact(page, "Payload", lambda s: f"{s.model.payload_max_kg:g} kg" if s.model else "-")
+        page.fact("Model", lambda s: s.model.title if s.model else "-")
+        page.fact("Serial number", _query(page, views, dashboard.SERIAL_NUMBER, str)).props("data-testid=serial")
+        page.fact("PolyScope", lambda s: str(s.version or "-"))
+        page.fact("Series", lambda s: s.version.series.value if s.version else "-")
+        page.fact("Controller box", lambda s: _arm(s, lambda arm: mode_name(ControllerBox, arm.controller_box)))
+        page.fact("Masterboard", lambda s: _arm(s, lambda arm: str(arm.masterboard_version)))
+        page.fact("Robot type", lambda s: _arm(s, lambda arm: f"{arm.robot_type}, sub type {arm.sub_type}"))
+        page.fact("Address", lambda s: s.robot_ip)
+        page.fact("Reach", lambda s: f"{1000 * s.model.reach_m:.0f} mm" if s.model else "-")
+        page.fact("Payload", lambda s: f"{s.model.payload_max_kg:g} kg" if s.model else "-")
     with ui.column().classes("installation-column"):
         with page.panel("Joint limits", "installation-panel"):
             table = ui.element("div").classes("limits")
@@ -43,34 +44,23 @@ def build(page: Page, views: Views) -> None:
         _calibration_panel(page)
     with page.panel("Safety", "installation-panel"):
         with ui.element("div").classes("facts"):
-            _fact(page, "Safety mode", lambda s: s.situation.safety)
-            _fact(page, "Checksum", lambda s: _board(s, lambda board: f"{board.safety_checksum:08X}")).props(
-                "data-testid=checksum"
-            )
-            _fact(page, "Reduced mode", lambda s: _board(s, lambda board: "yes" if board.reduced_mode else "no"))
+            page.fact("Safety mode", lambda s: s.situation.safety)
+            checksum = page.fact("Checksum", board_text(lambda board: f"{board.safety_checksum:08X}"))
+            checksum.props("data-testid=checksum")
+            page.fact("Reduced mode", board_text(lambda board: "yes" if board.reduced_mode else "no"))
             mode = _query(page, views, dashboard.OPERATIONAL_MODE, lambda mode: mode.value.lower())
-            _fact(page, "Operational mode", mode)
+            page.fact("Operational mode", mode)
             remote = _query(page, views, dashboard.IS_IN_REMOTE_CONTROL, lambda on: "remote" if on else "local")
-            _fact(page, "Control", remote)
+            page.fact("Control", remote)
         ui.label(
             "Safety limits, planes and safety I/O are not published by a robot: they are on its own teach pendant, "
             "and the checksum there must be this one."
         ).classes("soft")
 
 
-def _fact(page: Page, name: str, read: Callable[[Station], str]) -> ui.element:
-    ui.label(name)
-    return page.live.text(read)
-
-
 def _arm(station: Station, read: Callable[[ConfigurationData], str]) -> str:
     arm = station.core.configuration
     return "-" if arm is None else read(arm)
-
-
-def _board(station: Station, read: Callable[[Any], str]) -> str:
-    state = station.primary_state
-    return "-" if state is None or state.masterboard is None else read(state.masterboard)
 
 
 def _query(page: Page, views: Views, operation: Operation[Any], text: Callable[[Any], str]) -> Callable[[Station], str]:
@@ -115,8 +105,8 @@ def _show_limits(table: ui.element, arm: ConfigurationData | None) -> None:
 def _calibration_panel(page: Page) -> None:
     with page.panel("Calibration", "installation-panel"):
         with ui.element("div").classes("facts"):
-            _fact(page, "Kinematics", _cached(_calibration_kind)).props("data-testid=calibration")
-            _fact(page, "Hash", _cached(lambda calibration, arm: calibration.hash)).props("data-testid=hash")
+            page.fact("Kinematics", _cached(_calibration_kind)).props("data-testid=calibration")
+            page.fact("Hash", _cached(lambda calibration, arm: calibration.hash)).props("data-testid=hash")
 
         async def save() -> None:
             kinematics = page.station.core.kinematics

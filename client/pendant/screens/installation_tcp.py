@@ -43,7 +43,7 @@ class _Editor:
             self._page.needs_robot(ui.button("Use it", on_click=lambda: self._apply(self._entered))).props(
                 "no-caps data-testid=tcp-use"
             )
-            ui.button("Save", on_click=self._save).props("outline no-caps data-testid=tcp-save")
+            ui.button("Save", on_click=page.handler(self._save, "Saved")).props("outline no-caps data-testid=tcp-save")
             self._page.needs_robot(ui.button("Copy the one in effect", on_click=self._copy_active)).props(
                 "flat no-caps"
             )
@@ -104,16 +104,10 @@ class _Editor:
     # actions
 
     async def _apply(self, tcp: Callable[[], Sequence[float]]) -> None:
-        async def apply() -> None:
-            await apply_tcp(self._page.station, tcp())
+        await self._page.attempt(lambda: apply_tcp(self._page.station, tcp()), "TCP in use")
 
-        await self._page.attempt(apply, "TCP in use")
-
-    async def _save(self) -> None:
-        async def save() -> None:
-            self._page.station.tools.save(self._name.value or "", self._entered())
-
-        await self._page.attempt(save, "Saved")
+    def _save(self) -> None:
+        self._page.station.tools.save(self._name.value or "", self._entered())
 
     def _show_list(self) -> None:
         self._list.clear()
@@ -123,7 +117,7 @@ class _Editor:
 
     def _saved(self) -> dict[str, Pose]:
         try:
-            return dict(self._page.station.tools.all)
+            return dict(self._page.station.tools.content)
         except FileError as error:
             self._page.show_error(str(error))
             return {}
@@ -139,19 +133,14 @@ class _Editor:
                 "flat dense no-caps"
             )
             if name != _FLANGE:
-                delete = ui.button(icon="delete", on_click=lambda: self._delete(name)).props("flat dense round")
+                forget = self._page.handler(lambda: self._page.station.tools.delete(name))
+                delete = ui.button(icon="delete", on_click=forget).props("flat dense round")
                 delete.props["aria-label"] = f"Delete {name}"
         row.props["data-testid"] = f"tcp {name}"
 
     def _edit(self, name: str, tcp: Sequence[float]) -> None:
         self._name.set_value("" if name == _FLANGE else name)
         self._show(tcp)
-
-    async def _delete(self, name: str) -> None:
-        async def delete() -> None:
-            self._page.station.tools.delete(name)
-
-        await self._page.attempt(delete)
 
 
 def _number(test_id: str) -> ui.number:

@@ -1,15 +1,19 @@
 """I/O: digital signals as lamps and switches, analog signals, the tool; views of registers and of the Modbus server."""
 
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
 
 from nicegui import ui
 
 from client.pendant.outputs import Range, analog_range, set_analog, set_digital
 from client.pendant.page import Page, Views, bind_choice
+from client.pendant.readings import UNKNOWN, board_text, field_text, mode_text
 from client.pendant.screens import io_registers
 from client.pendant.station import Station
-from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolMode, ToolOutputMode, mode_name
+from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolMode, ToolOutputMode
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.versions import Series
 
@@ -25,7 +29,62 @@ _DRIVE_MODES: Final = {
 }
 _PARITIES: Final = {0: "no parity", 1: "odd parity", 2: "even parity"}
 SIMULATED = "simulated: touch to change"
+_STANDARD_DOMAIN: Final = "set_standard_analog_input_domain"
+_TOOL_DOMAIN: Final = "set_tool_analog_input_domain"
 _DOMAINS: Final = {int(AnalogDomain.CURRENT): "mA", int(AnalogDomain.VOLTAGE): "V"}
+
+
+@dataclass(frozen=True, slots=True)
+class AnalogSignal:
+    """An analog input or output. index: of its connector. field: its RTDE output.
+
+    domains: the RTDE output whose bit ``bit`` is its domain. call: the URScript function that sets the domain.
+    """
+
+    name: str
+    index: int
+    field: str
+    domains: str
+    bit: int
+    call: str = ""
+    tool: bool = False
+
+    def value(self, station: Station) -> float | None:
+        """The value [A or V]; None while unknown."""
+        return station.values.get(self.field)
+
+    def domain(self, station: Station) -> AnalogDomain:
+        """Whether it is a current or a voltage."""
+        return AnalogDomain(int(station.values.get(self.domains, 0)) >> self.bit & 1)
+
+    def range(self, station: Station) -> Range:
+        """Its range on the screen."""
+        return analog_range(self.domain(station))
+
+    def ratio(self, station: Station) -> float:
+        """The value as a share of the range."""
+        value, signal_range = self.value(station), self.range(station)
+        if value is None:
+            return 0.0
+        share = (value * signal_range.factor - signal_range.low) / (signal_range.high - signal_range.low)
+        return min(max(share, 0.0), 1.0)
+
+    def text(self, station: Station) -> str:
+        """The value with its unit."""
+        value, signal_range = self.value(station), self.range(station)
+        return UNKNOWN if value is None else f"{value * signal_range.factor:.3f} {signal_range.unit}"
+
+
+ANALOG_INPUTS: Final = (
+    AnalogSignal("AI0", 0, "standard_analog_input0", "analog_io_types", 0, _STANDARD_DOMAIN),
+    AnalogSignal("AI1", 1, "standard_analog_input1", "analog_io_types", 1, _STANDARD_DOMAIN),
+    AnalogSignal("AI2", 0, "tool_analog_input0", "tool_analog_input_types", 0, _TOOL_DOMAIN, tool=True),
+    AnalogSignal("AI3", 1, "tool_analog_input1", "tool_analog_input_types", 1, _TOOL_DOMAIN, tool=True),
+)
+_ANALOG_OUTPUTS: Final = (
+    AnalogSignal("AO0", 0, "standard_analog_output0", "analog_io_types", 2),
+    AnalogSignal("AO1", 1, "standard_analog_output1", "analog_io_types", 3),
+)
 
 
 def build_tool(page: Page) -> None:
@@ -35,52 +94,25 @@ def build_tool(page: Page) -> None:
         with ui.row().classes("tool-wires"):
             inputs(page, TOOL)
             outputs(page, TOOL)
-        for index in range(2):
-            _tool_analog_input(page, index)
+        for signal in ANALOG_INPUTS:
+            if signal.tool:
+                analog_input(page, signal)
         _tool_voltage(page)
         with ui.element("div").classes("facts"):
-            _fact(page, "Current", lambda s: _number_text(s, "tool_output_current", "A", 3))
-            _fact(page, "Temperature", lambda s: _number_text(s, "tool_temperature", "°C", 1))
-            _fact(page, "Mode", _mode_text)
-            _fact(page, "Serial line", _serial_line_text)
+            page.fact("Current", field_text("tool_output_current", "{:.3f} A"))
+            page.fact("Temperature", field_text("tool_temperature", "{:.1f} °C"))
+            page.fact("Mode", mode_text("tool_mode", ToolMode))
+            page.fact("Serial line", _serial_line_text)
         _pin_mode_row(page)
 
 
 def build_supply(page: Page) -> None:
     """Voltages and currents of the control box and the arm."""
     with page.panel("Supply", "power-panel"), ui.element("div").classes("supply-facts"):
-        _fact(page, "Main", lambda s: _number_text(s, "actual_main_voltage", "V", 1))
-        _fact(page, "Arm", lambda s: _number_text(s, "actual_robot_voltage", "V", 1))
-        _fact(page, "Arm current", lambda s: _number_text(s, "actual_robot_current", "A", 2))
-        _fact(page, "I/O current", _io_current)
-
-
-def _io_current(station: Station) -> str:
-    state = station.primary_state
-    return "-" if state is None or state.masterboard is None else f"{1000 * state.masterboard.io_current:.0f} mA"
-
-
-def _tool_analog_input(page: Page, index: int) -> None:
-    def domain(station: Station) -> int:
-        return int(station.values.get("tool_analog_input_types", 0) >> index & 1)
-
-    def value(station: Station) -> float | None:
-        return station.values.get(f"tool_analog_input{index}")
-
-    def value_text(station: Station) -> str:
-        amount, signal_range = value(station), analog_range(domain(station))
-        return "-" if amount is None else f"{amount * signal_range.factor:.3f} {signal_range.unit}"
-
-    with ui.row().classes("analog"):
-        ui.label(f"AI{index + 2}").classes("signal-name")
-        page.live.text(value_text, "reading").props(f"data-testid=AI{index + 2}")
-        domain_choice(
-            page,
-            domain,
-            lambda chosen: page.station.run_statements(f"set_tool_analog_input_domain({index}, {chosen})"),
-            f"AI{index + 2}",
-        )
-        simulated_input(page, index, value, domain, tool=True)
+        page.fact("Main", field_text("actual_main_voltage", "{:.1f} V"))
+        page.fact("Arm", field_text("actual_robot_voltage", "{:.1f} V"))
+        page.fact("Arm current", field_text("actual_robot_current", "{:.2f} A"))
+        page.fact("I/O current", board_text(lambda board: f"{1000 * board.io_current:.0f} mA"))
 
 
 def _tool_voltage(page: Page) -> None:
@@ -123,26 +155,11 @@ def _pin_mode(station: Station, name: str) -> int | None:
     return None if state is None or state.tool_mode is None else getattr(state.tool_mode, name)
 
 
-def _fact(page: Page, name: str, read: Callable[[Station], str]) -> None:
-    ui.label(name)
-    page.live.text(read)
-
-
-def _number_text(station: Station, field: str, unit: str, digits: int) -> str:
-    value = station.values.get(field)
-    return "-" if value is None else f"{value:.{digits}f} {unit}"
-
-
-def _mode_text(station: Station) -> str:
-    value = station.values.get("tool_mode")
-    return "-" if value is None else mode_name(ToolMode, value).replace("_", " ").capitalize()
-
-
 def _serial_line_text(station: Station) -> str:
     state = station.primary_state
     line = None if state is None else state.tool_communication
     if line is None:
-        return "-"
+        return UNKNOWN
     if not line.enabled:
         return "off"
     return f"{line.baud_rate} baud, {_PARITIES.get(line.parity, line.parity)}, {line.stop_bits} stop bits"
@@ -169,185 +186,111 @@ def simulated(page: Page, panel: ui.element) -> None:
 
 def inputs(page: Page, group: DigitalGroup) -> None:
     """The input lamps of a group; on an emulator, they are switches."""
-    station = page.station
+    emulator = page.station.emulator
 
-    async def switch(index: int) -> None:
-        if station.emulator.available:
-            level = not _level(station, "actual_digital_input_bits", group, index)
-            await page.attempt(
-                lambda: station.emulator.call("set_digital_input", index=index, level=level, group=group.name)
-            )
+    async def switch(index: int, level: bool) -> None:
+        if emulator.available:
+            await emulator.call("set_digital_input", index=index, level=level, group=group.name)
 
     _signal_row(page, group, "I", "actual_digital_input_bits", switch)
 
 
 def outputs(page: Page, group: DigitalGroup) -> None:
     """The output lamps of a group, which are also switches."""
-    station = page.station
-
-    async def switch(index: int) -> None:
-        level = not _level(station, "actual_digital_output_bits", group, index)
-        await page.attempt(lambda: set_digital(station, group, index, level))
-
-    _signal_row(page, group, "O", "actual_digital_output_bits", switch)
+    _signal_row(page, group, "O", "actual_digital_output_bits", partial(set_digital, page.station, group))
 
 
-def _signal_row(page: Page, group: DigitalGroup, direction: str, field: str, switch: Callable[[int], object]) -> None:
-    with ui.element("div").classes(f"wires {'wires-in' if direction == 'I' else 'wires-out'}") as row:
-        for index in range(group.count):
-            name = f"{group.letter}{direction}{index}"
-            lamp = ui.element("button").classes("wire").props(f"data-testid={name} type=button")
-            lamp.on("click", lambda _, index=index: switch(index))
-            with lamp:
-                ui.element("i")
-                ui.label(name)
-    page.live.bind(row, "bits", _bits_reader(field, group))
+def _signal_row(
+    page: Page, group: DigitalGroup, direction: str, field: str, switch: Callable[[int, bool], Awaitable[None]]
+) -> None:
+    """switch: sets the level of a signal."""
 
-
-def _bits_reader(field: str, group: DigitalGroup) -> Callable[[Station], str]:
     def read(station: Station) -> str:
         """A digit for each signal, 0 or 1, in order; "" while unknown."""
         if field not in station.values:
             return ""
         bits = station.values[field] >> group.first
-        return "".join("1" if bits >> index & 1 else "0" for index in range(group.count))
+        return "".join(str(bits >> index & 1) for index in range(group.count))
 
-    return read
+    def toggle(index: int) -> Awaitable[None]:
+        return switch(index, read(page.station)[index : index + 1] != "1")
 
-
-def _level(station: Station, field: str, group: DigitalGroup, index: int) -> bool:
-    return bool(station.values.get(field, 0) >> group.first + index & 1)
+    with ui.element("div").classes(f"wires {'wires-in' if direction == 'I' else 'wires-out'}") as row:
+        for index in range(group.count):
+            name = f"{group.letter}{direction}{index}"
+            lamp = ui.element("button").classes("wire").props(f"data-testid={name} type=button")
+            lamp.on("click", page.handler(partial(toggle, index)))
+            with lamp:
+                ui.element("i")
+                ui.label(name)
+    page.live.bind(row, "bits", read)
 
 
 def build_analog(page: Page) -> None:
     """The two analog inputs and outputs of the control box."""
     with page.panel("Analog inputs", "analog-panel") as panel:
         simulated(page, panel)
-        for index in range(2):
-            _analog_input(page, index)
+        for signal in ANALOG_INPUTS:
+            if not signal.tool:
+                analog_input(page, signal)
     with page.panel("Analog outputs", "analog-panel"):
-        for index in range(2):
-            _analog_output(page, index)
+        for signal in _ANALOG_OUTPUTS:
+            _analog_output(page, signal)
 
 
-def _analog_input(page: Page, index: int) -> None:
+def analog_input(page: Page, signal: AnalogSignal) -> None:
+    """An analog input; on an emulator, a slider sets it."""
     station = page.station
-
-    def domain(station: Station) -> int:
-        return int(station.values.get("analog_io_types", 0) >> index & 1)
-
-    def value(station: Station) -> float | None:
-        return station.values.get(f"standard_analog_input{index}")
-
-    with ui.row().classes("analog"):
-        ui.label(f"AI{index}").classes("signal-name")
-        page.live.text(_value_text(value, domain), "reading").props(f"data-testid=AI{index}")
-        domain_choice(
-            page,
-            domain,
-            lambda chosen: station.run_statements(f"set_standard_analog_input_domain({index}, {chosen})"),
-            f"AI{index}",
-        ).props(f"data-testid=AI{index}-domain")
-        simulated_input(page, index, value, domain)
-
-
-def _analog_output(page: Page, index: int) -> None:
-    station = page.station
-
-    def domain(station: Station) -> int:
-        return int(station.values.get("analog_io_types", 0) >> 2 + index & 1)
-
-    def value(station: Station) -> float | None:
-        return station.values.get(f"standard_analog_output{index}")
 
     async def set_value(shown: float) -> None:
-        chosen = AnalogDomain(domain(station))
-        await page.attempt(lambda: set_analog(station, index, chosen, analog_range(chosen).ratio(shown)))
+        value = shown / signal.range(station).factor
+        await station.emulator.call("set_analog_input", index=signal.index, value=value, tool=signal.tool)
+
+    with _analog_row(page, signal, lambda chosen: station.run_statements(f"{signal.call}({signal.index}, {chosen})")):
+        _slider(page, signal, set_value).classes("simulated-only")
+
+
+def _analog_output(page: Page, signal: AnalogSignal) -> None:
+    station = page.station
+
+    async def set_value(shown: float) -> None:
+        await set_analog(station, signal.index, signal.domain(station), signal.range(station).ratio(shown))
 
     async def change(chosen: int) -> None:
-        ratio = _ratio(value(station), analog_range(domain(station)))
-        await set_analog(station, index, AnalogDomain(chosen), ratio)
+        await set_analog(station, signal.index, AnalogDomain(chosen), signal.ratio(station))
 
+    with _analog_row(page, signal, change):
+        _slider(page, signal, set_value)
+        box = ui.number(format="%.3f", placeholder="set").props("dense outlined hide-bottom-space")
+        box.classes("analog-value").props(f"aria-label={signal.name} data-testid={signal.name}-value")
+        box.on("keydown.enter", page.handler(lambda: None if box.value is None else set_value(box.value)))
+
+
+@contextmanager
+def _analog_row(page: Page, signal: AnalogSignal, choose: Callable[[int], Awaitable[None]]) -> Iterator[None]:
+    """The name and value of a signal, and a choice of mA or V that follows the robot."""
     with ui.row().classes("analog"):
-        ui.label(f"AO{index}").classes("signal-name")
-        page.live.text(_value_text(value, domain), "reading").props(f"data-testid=AO{index}")
-        domain_choice(page, domain, change, f"AO{index}").props(f"data-testid=AO{index}-domain")
-        _slider(page, set_value, value, domain, f"AO{index}")
-        _number_field(set_value, f"AO{index}").props(f"data-testid=AO{index}-value")
+        ui.label(signal.name).classes("signal-name")
+        page.live.text(signal.text, "reading").props(f"data-testid={signal.name}")
+        toggle = ui.toggle(_DOMAINS).props(f"dense no-caps unelevated data-testid={signal.name}-domain")
+        toggle.classes("domain")
+        domain = f"domain of {signal.name}"
+        bind_choice(page, toggle, lambda s: int(signal.domain(s)) if s.connected else None, choose, domain)
+        yield
 
 
-def domain_choice(page: Page, read: Callable[[Station], int], choose: Callable[[int], Any], name: str) -> ui.toggle:
-    """A choice of mA or V that follows the robot."""
-    toggle = ui.toggle(_DOMAINS).props("dense no-caps unelevated").classes("domain")
-    bind_choice(page, toggle, lambda station: read(station) if station.connected else None, choose, f"domain of {name}")
-    return toggle
-
-
-def simulated_input(
-    page: Page,
-    index: int,
-    value: Callable[[Station], float | None],
-    domain: Callable[[Station], int],
-    tool: bool = False,
-) -> None:
-    """A slider for an emulator's analog input."""
-    station = page.station
-
-    async def set_value(shown: float) -> None:
-        amount = shown / analog_range(domain(station)).factor
-        await page.attempt(lambda: station.emulator.call("set_analog_input", index=index, value=amount, tool=tool))
-
-    name = f"AI{index + 2 * tool}"
-    _slider(page, set_value, value, domain, name).classes("simulated-only")
-
-
-def _slider(
-    page: Page,
-    set_value: Callable[[float], Any],
-    value: Callable[[Station], float | None],
-    domain: Callable[[Station], int],
-    name: str,
-) -> ui.slider:
+def _slider(page: Page, signal: AnalogSignal, set_value: Callable[[float], Awaitable[None]]) -> ui.slider:
     """A slider over the signal's range that follows the robot."""
     slider = ui.slider(min=0, max=1000, step=1).props("dense").classes("analog-slider")
-    slider.props(f"aria-label={name} data-testid={name}-slider")
+    slider.props(f"aria-label={signal.name} data-testid={signal.name}-slider")
 
     async def move() -> None:
-        signal_range = analog_range(domain(page.station))
+        signal_range = signal.range(page.station)
         await set_value(signal_range.low + (signal_range.high - signal_range.low) * slider.value / 1000)
 
-    slider.on("change", move)
-    page.live.effect(
-        lambda station: round(1000 * _ratio(value(station), analog_range(domain(station)))), slider.set_value
-    )
+    slider.on("change", page.handler(move))
+    page.live.effect(lambda station: round(1000 * signal.ratio(station)), slider.set_value)
     return slider
-
-
-def _number_field(set_value: Callable[[float], Any], name: str) -> ui.number:
-    """A field whose value is set with Enter."""
-    box = ui.number(format="%.3f", placeholder="set").props("dense outlined hide-bottom-space").classes("analog-value")
-    box.props(f"aria-label={name}")
-
-    async def submit() -> None:
-        if box.value is not None:
-            await set_value(box.value)
-
-    box.on("keydown.enter", submit)
-    return box
-
-
-def _ratio(value: float | None, signal_range: Range) -> float:
-    if value is None:
-        return 0.0
-    return min(max((value * signal_range.factor - signal_range.low) / (signal_range.high - signal_range.low), 0.0), 1.0)
-
-
-def _value_text(value: Callable[[Station], float | None], domain: Callable[[Station], int]) -> Callable[[Station], str]:
-    def read(station: Station) -> str:
-        amount, signal_range = value(station), analog_range(domain(station))
-        return "-" if amount is None else f"{amount * signal_range.factor:.3f} {signal_range.unit}"
-
-    return read
 
 
 def build(page: Page) -> None:

@@ -244,15 +244,10 @@ def _cached(
 
 async def request_number(page: Page, name: str, value: float | None, whole: bool) -> float | None:
     """Request a number from the user; None if cancelled."""
-    with page.content, ui.dialog() as dialog, ui.card():
-        ui.label(name).classes("text-subtitle1")
-        box = ui.number(value=value, precision=0 if whole else None).props(
-            f'autofocus outlined dense data-testid=number aria-label="{name}"'
-        )
-        box.on("keydown.enter", lambda: dialog.submit(box.value))
-        with ui.row().classes("w-full justify-end"):
-            ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat")
-            ui.button("Set", on_click=lambda: dialog.submit(box.value)).props("data-testid=number-set")
-    answer = await dialog
-    dialog.delete()
+
+    def field() -> ui.number:
+        box = ui.number(value=value, precision=0 if whole else None)
+        return box.props(f'autofocus outlined dense data-testid=number aria-label="{name}"')
+
+    answer = await page.request_value(name, field, "Set", "number-set")
     return None if answer is None else float(answer)

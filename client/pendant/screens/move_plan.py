@@ -19,6 +19,7 @@ from client.pendant.station import Station
 from urproto.errors import RobotRefused
 from urproto.robots import Joints
 from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec, rotvec_to_quaternion
+from urproto.vectors import as_six
 
 if TYPE_CHECKING:
     from client.planning import PairDistance, Plan, PlanningScene
@@ -191,7 +192,7 @@ class PlannedMove:
             self._out_of_reach = False
             if (target := self._settings.preview) is not None:
                 for callback in self._settings.on_target:
-                    callback(_joints(target))
+                    callback(as_six(target))
 
     def _reset(self) -> None:
         self._settings.preview = self._planned_path = self._failure = None
@@ -274,7 +275,7 @@ class PlannedMove:
         """Plan to the same goal from the current configuration, in the current scene. Raises PlanningError."""
         station = self._page.station
         monitored = station.planning_scene or planned.monitored
-        start = _joints(station.values["actual_q"])
+        start = as_six(station.values["actual_q"])
         plan = await asyncio.to_thread(_plan_path, monitored.scene, start, planned.goal, self._settings.speed)
         return _planned_path(planned.goal, monitored, plan)
 
@@ -345,8 +346,3 @@ def _numbers(message: Any, count: int) -> list[float]:
     if len(numbers) != count or not all(map(isfinite, numbers)):
         raise ValueError(f"{count} finite numbers are expected")
     return numbers
-
-
-def _joints(q: Sequence[float]) -> Joints:
-    a, b, c, d, e, f = q
-    return (a, b, c, d, e, f)

@@ -1,6 +1,5 @@
 """Typed targets: joint angles in degrees, or a pose of the TCP in mm with its rotation."""
 
-from collections.abc import Awaitable, Callable
 from functools import partial
 from math import degrees, inf, isfinite, radians
 from typing import Final
@@ -8,7 +7,7 @@ from typing import Final
 from nicegui import ui
 
 from client.errors import FileError
-from client.pendant.page import Page
+from client.pendant.page import Callback, Page
 from client.pendant.saved import BUILT_IN
 from client.pendant.screens.move_jog import MoveSettings
 from client.pendant.situation import Action
@@ -43,7 +42,7 @@ def saved_poses(page: Page, settings: MoveSettings) -> None:
         )
         box.classes("pose-name")
 
-        async def save() -> None:
+        def save() -> None:
             station = page.station
             q = station.values.get("actual_q")
             if q is None:
@@ -96,37 +95,20 @@ def _pose_menu(page: Page, name: str) -> None:
     station = page.station
     with ui.button(icon="more_vert").props('flat dense round aria-label="Rename or delete"') as button, ui.menu():
         ui.menu_item("Rename…", lambda: _rename(page, name)).props("data-testid=pose-rename")
-
-        async def delete() -> None:
-            station.poses.delete(_model_name(station), name)
-
-        ui.menu_item("Delete", page.handler(delete)).props("data-testid=pose-delete")
+        delete = page.handler(lambda: station.poses.delete(_model_name(station), name))
+        ui.menu_item("Delete", delete).props("data-testid=pose-delete")
     button.props["data-testid"] = f"menu-{name}"
 
 
 async def _rename(page: Page, name: str) -> None:
-    station = page.station
-    new_name = await _request_name("Rename pose", name)
+    station, title = page.station, "Rename pose"
+
+    def field() -> ui.input:
+        return ui.input(value=name).props(f'autofocus outlined dense data-testid=pose-new-name aria-label="{title}"')
+
+    new_name = await page.request_value(title, field, "Rename", "pose-renamed")
     if new_name is not None:
-
-        async def rename() -> None:
-            station.poses.rename(_model_name(station), name, new_name)
-
-        await page.attempt(rename)
-
-
-async def _request_name(title: str, text: str) -> str | None:
-    """Request a new name from the user; None if cancelled."""
-    with ui.dialog() as dialog, ui.card():
-        ui.label(title).classes("text-h6")
-        box = ui.input(value=text).props(f'autofocus outlined dense data-testid=pose-new-name aria-label="{title}"')
-        box.on("keydown.enter", lambda: dialog.submit(box.value))
-        with ui.row().classes("w-full justify-end"):
-            ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat")
-            ui.button("Rename", on_click=lambda: dialog.submit(box.value)).props("data-testid=pose-renamed")
-    dialog.on("hide", dialog.delete)
-    answer: str | None = await dialog
-    return answer
+        await page.attempt(lambda: station.poses.rename(_model_name(station), name, new_name))
 
 
 def joint_target(page: Page, settings: MoveSettings) -> None:
@@ -175,9 +157,9 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
     settings.on_target.append(show)
     page.live.effect(lambda station: station.model if "actual_q" in station.values else None, set_limits)
     with ui.row().classes("target-buttons"):
-        _button(page, "Present", "my_location", show_current, "joints-present")
+        _present_button(page, show_current, "joints-present")
         ui.space()
-        _move_button(page, "Move", move, "joints-move")
+        _move_button(page, move, "joints-move")
 
 
 def pose_target(page: Page, settings: MoveSettings) -> None:
@@ -220,13 +202,13 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
 
     page.live.effect(lambda station: "actual_TCP_pose" in station.values, show_initial)
     with ui.row().classes("target-buttons"):
-        _button(page, "Present", "my_location", lambda: show(_tcp_pose(page)), "pose-present")
+        _present_button(page, lambda: show(_tcp_pose(page)), "pose-present")
         ui.space()
         kind = ui.toggle({"j": "MoveJ", "l": "MoveL"}, value="j").props(
             "no-caps dense unelevated data-testid=pose-kind"
         )
         kind.classes("move-choice")
-        _move_button(page, "Move", move, "pose-move")
+        _move_button(page, move, "pose-move")
 
 
 def _pose_field(page: Page, settings: MoveSettings, i: int) -> ui.number:
@@ -273,16 +255,11 @@ def _require_within_limits(model: RobotModel | None, q_rad: list[float]) -> list
     return q_rad
 
 
-def _button(page: Page, text: str, icon: str, action: object, test_id: str) -> None:
-    async def click() -> None:
-        async def run_action() -> None:
-            action()  # type: ignore[operator]
-
-        await page.attempt(run_action)
-
-    ui.button(text, icon=icon, on_click=click).props(f"flat no-caps data-testid={test_id}")
+def _present_button(page: Page, action: Callback, test_id: str) -> None:
+    button = ui.button("Present", icon="my_location", on_click=page.handler(action))
+    button.props(f"flat no-caps data-testid={test_id}")
 
 
-def _move_button(page: Page, text: str, action: Callable[[], Awaitable[None]], test_id: str) -> None:
-    button = ui.button(text, icon="near_me").props(f"unelevated no-caps data-testid={test_id}")
+def _move_button(page: Page, action: Callback, test_id: str) -> None:
+    button = ui.button("Move", icon="near_me").props(f"unelevated no-caps data-testid={test_id}")
     page.bind_button(Action.MOVE, action, button)

@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any, Final
 
 from nicegui import ui
 
 from client.pendant import program_playback as playback
-from client.pendant.page import Page
+from client.pendant.page import Callback, Page
 from client.pendant.program_draft import ProgramDraft, Selection
 from client.pendant.program_view import palette
 from client.pendant.screens.program_files import FileButtons
@@ -68,66 +69,40 @@ class Commands:
         match message:
             case [str(node), str(at), str(place)] if place in _DROP_PLACES:
                 self._selection.choose(node)
-                self.page.run_in_background(lambda: self._drop(node, at, place))
-
-    async def _drop(self, node: str, at: str, place: str) -> None:
-        self._draft.drop(node, at, place)
+                self.page.run_in_background(lambda: self._draft.drop(node, at, place))
 
     @property
-    def by_name(self) -> dict[str, Callable[[], Awaitable[None]]]:
+    def by_name(self) -> dict[str, Callback]:
         """The commands by their names in static/screen_program.js."""
+        draft, node = self._draft, self._selection.node
         return {
-            "undo": self.undo,
-            "redo": self.redo,
+            "undo": draft.undo,
+            "redo": draft.redo,
             "cut": self.cut,
-            "copy": self.copy,
-            "paste": self.paste,
+            "copy": lambda: draft.copy(node),
+            "paste": lambda: self._selection.choose(draft.paste(node)),
             "delete": self.delete,
-            "up": self.up,
-            "down": self.down,
-            "suppress": self.suppress,
+            "up": lambda: draft.move_by(node, -1),
+            "down": lambda: draft.move_by(node, 1),
+            "suppress": lambda: draft.suppress(node),
             "breakpoint": self.breakpoint,
         }
 
-    async def undo(self) -> None:
-        """Undo the last change of any user."""
-        self._draft.undo()
+    def run(self, name: str) -> object:
+        """Run a command by its name."""
+        return self.by_name[name]()
 
-    async def redo(self) -> None:
-        """Redo the change that was undone last."""
-        self._draft.redo()
-
-    async def cut(self) -> None:
+    def cut(self) -> None:
         """Move the node to the clipboard of the station."""
         self._draft.copy(self._selection.node)
-        await self.delete()
+        self.delete()
 
-    async def copy(self) -> None:
-        """Copy the node to the clipboard of the station."""
-        self._draft.copy(self._selection.node)
-
-    async def paste(self) -> None:
-        """Paste after the selected node, or into it."""
-        self._selection.choose(self._draft.paste(self._selection.node))
-
-    async def delete(self) -> None:
+    def delete(self) -> None:
         """Delete the node and its children, and select its neighbour."""
         node = self._selection.node
         neighbour = self._draft.view.neighbour(node)
         self._draft.delete(node)
         self._selection.choose(neighbour)
-
-    async def up(self) -> None:
-        """Move the node before its previous sibling."""
-        self._draft.move_by(self._selection.node, -1)
-
-    async def down(self) -> None:
-        """Move the node after its next sibling."""
-        self._draft.move_by(self._selection.node, 1)
-
-    async def suppress(self) -> None:
-        """Suppress the node, or no longer."""
-        self._draft.suppress(self._selection.node)
 
     async def breakpoint(self) -> None:
         """Set or remove a breakpoint at the node."""
@@ -164,9 +139,7 @@ def _toolbar(page: Page, commands: Commands) -> None:
     """The toolbar: files, editing, playing."""
     draft = page.station.program_draft
 
-    def button(
-        title: str, icon: str, command: Callable[[], Awaitable[None]] | None, test_id: str, hint: str = ""
-    ) -> ui.button:
+    def button(title: str, icon: str, command: Callback | None, test_id: str, hint: str = "") -> ui.button:
         new_button = ui.button(icon=icon, on_click=command).props(f'flat aria-label="{title}" data-testid={test_id}')
         with new_button:
             ui.tooltip(hint or title)
@@ -181,8 +154,8 @@ def _toolbar(page: Page, commands: Commands) -> None:
         files = FileButtons(page, button)
         commands.save = files.save
         add_gap()
-        undo = button("Undo", "undo", page.handler(commands.undo), "program-undo", "Undo (Ctrl+Z)")
-        redo = button("Redo", "redo", page.handler(commands.redo), "program-redo", "Redo (Ctrl+Y)")
+        undo = button("Undo", "undo", page.handler(draft.undo), "program-undo", "Undo (Ctrl+Z)")
+        redo = button("Redo", "redo", page.handler(draft.redo), "program-redo", "Redo (Ctrl+Y)")
         page.live.effect(lambda _: draft.can_undo, undo.set_enabled)
         page.live.effect(lambda _: draft.can_redo, redo.set_enabled)
         add_gap()
@@ -195,7 +168,7 @@ def _toolbar(page: Page, commands: Commands) -> None:
             ("up", "Move up", "arrow_upward", "Alt+Up"),
             ("down", "Move down", "arrow_downward", "Alt+Down"),
         ):
-            button(text, icon, page.handler(commands.by_name[name]), f"program-{name}", f"{text} ({keys})")
+            button(text, icon, page.handler(partial(commands.run, name)), f"program-{name}", f"{text} ({keys})")
         add_gap()
         _play_buttons(page, commands, button)
 
@@ -237,13 +210,9 @@ def _palette(page: Page, selection: Selection) -> None:
     draft = page.station.program_draft
 
     async def insert(kind: str) -> None:
-        async def insert_node() -> None:
-            selection.choose(draft.insert(kind, selection.node))
+        await page.attempt(lambda: selection.choose(draft.insert(kind, selection.node)))
 
-        await page.attempt(insert_node)
-
-    with ui.card().classes("panel program-palette").props('role=group aria-label="Nodes to insert"') as box:
-        pass
+    box = ui.card().classes("panel program-palette").props('role=group aria-label="Nodes to insert"')
 
     def fill(version: PolyscopeVersion | None) -> None:
         box.clear()

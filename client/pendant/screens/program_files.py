@@ -1,15 +1,12 @@
 """New, open, save and download for the edited program."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import PurePosixPath
 
-from nicegui import events, ui
+from nicegui import ui
 
 from client.pendant import program_playback as playback
 from client.pendant.page import Page
-
-_MAX_BYTES = 2_000_000
 
 
 class FileButtons:
@@ -32,11 +29,7 @@ class FileButtons:
                 ),
             )
         button("Download", "download", page.handler(self.download), "program-download")
-        self._picker = ui.upload(on_upload=self._on_upload, auto_upload=True, max_file_size=_MAX_BYTES).classes(
-            "hidden"
-        )
-        self._picker.on("rejected", lambda: page.show_error("a program has at most 2 MB"))
-        self._picker.props('accept=".urp" data-testid=program-file')
+        self._pick = page.picker(".urp", "program-file", self._open_uploaded, "a program")
 
     async def _confirm_replacing(self) -> bool:
         """Whether the program may be replaced; the user is asked if changes would be lost."""
@@ -57,35 +50,19 @@ class FileButtons:
         if not await self._confirm_replacing():
             return
         if not playback.can_save_files(page.station):
-            self._picker.run_method("pickFiles")
+            self._pick()
             return
         names = [name for name in await page.station.programs.files(page.station) if name.endswith(playback.EXTENSION)]
-        with page.content, ui.dialog(value=True) as dialog, ui.card().classes("program-files"):
-            ui.label("Open a program").classes("panel-title")
-            if not names:
-                ui.label("The programs folder has no .urp files.")
-            with ui.list().props("dense separator").classes("run-file-list"):
-                for name in names:
-                    ui.item(name, on_click=partial(dialog.submit, name)).props("data-testid=program-choice")
-            with ui.row().classes("w-full justify-end"):
-                upload = ui.button("From this machine", icon="upload_file", on_click=lambda: dialog.submit(""))
-                upload.props("flat no-caps data-testid=program-upload")
-                ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat no-caps")
-        choice = await dialog
-        dialog.delete()
+        choice = await page.choose(
+            "Open a program", names, "The programs folder has no .urp files.", "program-choice", "From this machine"
+        )
         if choice:
             await playback.open_file(page.station, choice)
         elif choice == "":
-            self._picker.run_method("pickFiles")
+            self._pick()
 
-    async def _on_upload(self, upload: events.UploadEventArguments) -> None:
-        data, name = await upload.file.read(), PurePosixPath(upload.file.name).name
-
-        async def open_upload() -> None:
-            self._draft.open(data, name)
-
-        await self._page.attempt(open_upload)
-        self._picker.reset()
+    def _open_uploaded(self, data: bytes, name: str) -> None:
+        self._draft.open(data, PurePosixPath(name).name)
 
     async def save(self) -> None:
         """Save under the present name, or under one that the user enters."""
@@ -98,17 +75,12 @@ class FileButtons:
     async def save_as(self) -> bool:
         """Save under another name; returns whether that was done."""
         page, draft = self._page, self._draft
-        with page.content, ui.dialog(value=True) as dialog, ui.card():
-            ui.label("Save the program as").classes("text-h6")
+
+        def field() -> ui.input:
             box = ui.input("Name", value=draft.path or "").props("autofocus outlined dense data-testid=program-name")
-            box.props('suffix=".urp"' if not draft.path else "")
-            box.on("keydown.enter", lambda: dialog.submit(box.value))
-            with ui.row().classes("w-full justify-end"):
-                ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat no-caps")
-                save = ui.button("Save", on_click=lambda: dialog.submit(box.value))
-                save.props("no-caps data-testid=program-save-confirm")
-        name = await dialog
-        dialog.delete()
+            return box.props('suffix=".urp"' if not draft.path else "")
+
+        name = await page.request_value("Save the program as", field, "Save", "program-save-confirm")
         if name is None:
             return False
         path = playback.with_extension(name)

@@ -185,7 +185,7 @@ class NodeForm:
         shown = ui.label(_position_text(field.value)).classes("program-doc").props(f"data-testid=field-{field.key}")
         self._setters[field.key] = lambda value: shown.set_text(_position_text(value))
 
-        async def teach() -> None:
+        def teach() -> None:
             values = page.station.values
             if "actual_q" not in values or "actual_TCP_pose" not in values:
                 raise RobotRefused("teaching", "the robot has not reported where it is", "wait until it is connected")

@@ -1,6 +1,6 @@
 """Run: the loaded program and its state, its variables, its text or tree, and a script editor."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, Final
 
@@ -129,7 +129,7 @@ def _control_panel(page: Page) -> None:
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
             box.props('aria-label="Path of a program below the programs folder"')
             box.classes("run-path")
-            choose = ui.button(icon="folder_open", on_click=lambda: _choose(page, load)).props("flat")
+            choose = ui.button(icon="folder_open", on_click=page.handler(lambda: _choose(page, load))).props("flat")
             with choose.props('data-testid=run-choose aria-label="Programs of the emulator"'):
                 ui.tooltip("Programs of the emulator")
             page.live.effect(lambda s: "programs" in s.emulator.verbs and s.emulator.available, choose.set_visibility)
@@ -155,27 +155,12 @@ async def _load(station: Station, path: str) -> None:
     station.programs.refresh()
 
 
-async def _choose(page: Page, load: object) -> None:
+async def _choose(page: Page, load: Callable[[str], Awaitable[None]]) -> None:
     """A list of the emulator's programs; a click loads one."""
-    found = list[str]()
-
-    async def list_files() -> None:
-        found.extend(await page.station.programs.files(page.station))
-
-    if not await page.attempt(list_files):
-        return
-    with ui.dialog(value=True) as dialog, ui.card().classes("run-files"):
-        ui.label("Programs").classes("panel-title")
-        if not found:
-            ui.label("The programs folder has no .urp or .script files.")
-        with ui.list().props("dense separator").classes("run-file-list"):
-            for name in found:
-                ui.item(name, on_click=lambda name=name: dialog.submit(name)).props("data-testid=run-file")
-        ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat").classes("self-end")
-    chosen = await dialog
-    dialog.delete()
-    if chosen:
-        await load(chosen)  # type: ignore[operator]
+    names = await page.station.programs.files(page.station)
+    empty = "The programs folder has no .urp or .script files."
+    if chosen := await page.choose("Programs", names, empty, "run-file"):
+        await load(chosen)
 
 
 def _loaded_text(station: Station) -> str:

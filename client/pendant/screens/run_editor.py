@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from itertools import groupby
 from typing import Any, Final
 
-from nicegui import events, ui
+from nicegui import ui
 
 from client.pendant.draft import Draft, ScriptError
 from client.pendant.page import Page
@@ -93,19 +93,11 @@ async def _send(page: Page) -> None:
 def _open_button(page: Page) -> None:
     """A button that opens a file of the browser's machine."""
 
-    async def open_upload(upload: events.UploadEventArguments) -> None:
-        await page.attempt(lambda: _open(page, upload))
-        picker.reset()
+    async def open_script(data: bytes, _: str) -> None:
+        await replace_draft(page, readable(from_bytes(data)).removeprefix("\ufeff").replace("\r\n", "\n"))
 
-    picker = ui.upload(on_upload=open_upload, auto_upload=True, max_file_size=2_000_000).classes("hidden")
-    picker.on("rejected", lambda: page.show_error("a script has at most 2 MB"))
-    picker.props('accept=".script,.txt,.py" data-testid=script-file')
-    ui.button("Open", icon="folder_open", on_click=lambda: picker.run_method("pickFiles")).props("flat no-caps")
-
-
-async def _open(page: Page, upload: events.UploadEventArguments) -> None:
-    data = await upload.file.read()
-    await replace_draft(page, readable(from_bytes(data)).removeprefix("\ufeff").replace("\r\n", "\n"))
+    pick = page.picker(".script,.txt,.py", "script-file", open_script, "a script")
+    ui.button("Open", icon="folder_open", on_click=pick).props("flat no-caps")
 
 
 def _write(page: Page, draft: Draft, text: str, author: str) -> None:

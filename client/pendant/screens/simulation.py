@@ -1,6 +1,6 @@
 """Simulation: functions of an emulator that a robot does not have."""
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import log10
 from typing import Any, Final
@@ -9,12 +9,13 @@ from nicegui import ui
 
 from client.pendant.fault_form import JOINTS
 from client.pendant.page import Page
+from client.pendant.screens import io
 from client.pendant.screens.simulation_arm import arm_tab
 from client.pendant.screens.simulation_faults import faults_tab
-from client.pendant.screens.simulation_inputs import inputs_tab
 from client.pendant.screens.simulation_scene import scene_panel
 from client.pendant.screens.simulation_world import world_tab
 from client.pendant.station import Station
+from urproto.signals import DIGITAL_GROUPS
 
 _DEVICES: Final[dict[str, tuple[str, str]]] = {
     "emergency_stop": ("Emergency stop", "robot's button, pressed"),
@@ -26,6 +27,18 @@ _DEVICES: Final[dict[str, tuple[str, str]]] = {
 }
 _BUTTONS: Final = {"emergency_stop": "robot", "system_emergency_stop": "system"}
 _STEPS: Final = (1, 10, 125)
+
+
+def inputs_tab(page: Page) -> None:
+    """Add the tab to the page: the inputs as on the screen I/O."""
+    with ui.element("div").classes("sim-stack") as box:
+        box.props("data-state=simulated")
+        for group in DIGITAL_GROUPS:
+            ui.label(f"{group.name.capitalize()} inputs").classes("panel-title")
+            io.inputs(page, group)
+        ui.label("Analog inputs").classes("panel-title")
+        for signal in io.ANALOG_INPUTS:
+            io.analog_input(page, signal)
 
 
 def safety_tab(page: Page) -> None:
@@ -54,8 +67,7 @@ def _device_button(page: Page, name: str) -> None:
     emulator = page.station.emulator
 
     def active(station: Station) -> bool:
-        devices = station.emulator.watch("safety_devices").value if station.emulator.available else None
-        return bool((devices or {}).get(name, False))
+        return bool((station.emulator.read("safety_devices") or {}).get(name, False))
 
     async def toggle() -> None:
         activate = not active(page.station)
@@ -104,7 +116,7 @@ def _cause_form(page: Page) -> None:
 
 
 def _last_stop(station: Station) -> str:
-    stop = station.emulator.watch("last_stop").value if station.emulator.available else None
+    stop = station.emulator.read("last_stop")
     if stop is None:
         return "None since the emulator started."
     verb = "took" if stop["over"] else "has taken"
@@ -114,15 +126,12 @@ def _last_stop(station: Station) -> str:
     )
 
 
-_Connections = Mapping[str, Sequence[str]]
-
-
 def connections_tab(page: Page) -> None:
     """Add the tab to the page."""
     with ui.element("div").classes("sim-rows sim-connections").props("data-testid=connections") as rows:
         rows.props('tabindex=0 role=region aria-label="Connections"')
 
-    def show(connections: _Connections | None) -> None:
+    def show(connections: Mapping[str, Sequence[str]] | None) -> None:
         rows.clear()
         with rows:
             for title in ("Port", "", "Clients"):
@@ -130,11 +139,7 @@ def connections_tab(page: Page) -> None:
             for name, peers in (connections or {}).items():
                 _connection_row(page, name, peers)
 
-    page.live.effect(_connections, show)
-
-
-def _connections(station: Station) -> Any:
-    return station.emulator.watch("connections").value if station.emulator.available else None
+    page.live.effect(lambda station: station.emulator.read("connections"), show)
 
 
 def _connection_row(page: Page, name: str, peers: Sequence[str]) -> None:
@@ -146,10 +151,8 @@ def _connection_row(page: Page, name: str, peers: Sequence[str]) -> None:
             with ui.element("span").classes("sim-peer"):
                 ui.label(peer)
                 if name != "control":
-                    drop_connection = partial(
-                        emulator.change, "inject_fault", kind="drop_connection", port=name, peer=peer
-                    )
-                    ui.button(icon="link_off", on_click=page.handler(drop_connection)).props(
+                    drop = partial(emulator.change, "inject_fault", kind="drop_connection", port=name, peer=peer)
+                    ui.button(icon="link_off", on_click=page.handler(drop)).props(
                         f'flat round dense size=sm aria-label="Drop {peer}" title="End this connection"'
                     )
         if not peers:
@@ -191,10 +194,7 @@ def _speed_slider(page: Page) -> None:
     slider = ui.slider(min=log10(_SLOWEST), max=log10(_FASTEST), step=0.01).props("dense data-testid=time-speed")
     slider.classes("sim-speed").props('markers=1 aria-label="Speed of time"')
 
-    async def set_speed() -> None:
-        await page.attempt(lambda: emulator.change("set_speed", speed=round(10.0**slider.value, 2)))
-
-    slider.on("change", set_speed)
+    slider.on("change", page.handler(lambda: emulator.change("set_speed", speed=round(10.0**slider.value, 2))))
     live = page.live
     live.effect(_current_speed, lambda speed: slider.set_value(log10(min(_FASTEST, max(_SLOWEST, speed or _FASTEST)))))
     for text, speed, test_id in (
@@ -203,16 +203,10 @@ def _speed_slider(page: Page) -> None:
         ("10×", 10.0, "fast"),
         ("Max", 0.0, "max"),
     ):
-        button = ui.button(text, on_click=_set_speed_handler(page, speed)).props(
-            f"flat dense no-caps data-testid=time-{test_id}"
-        )
-        button.classes("sim-button")
+        button = ui.button(text, on_click=page.handler(partial(emulator.change, "set_speed", speed=speed)))
+        button.props(f"flat dense no-caps data-testid=time-{test_id}").classes("sim-button")
         if not speed:
             button.tooltip("As fast as possible")
-
-
-def _set_speed_handler(page: Page, speed: float) -> Callable[[], Awaitable[None]]:
-    return page.handler(lambda: page.station.emulator.change("set_speed", speed=speed))
 
 
 def _paused(station: Station) -> bool:

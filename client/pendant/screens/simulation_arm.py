@@ -5,16 +5,17 @@ from collections.abc import Sequence
 from math import degrees, radians
 from typing import Any, Final
 
-from nicegui import events, ui
+from nicegui import ui
 
 from client.pendant.page import Page
+from client.pendant.screens.payload import entered_payload, payload_fields
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 from urproto.robots import START_Q
 from urproto.text import json_document
 
 _MM: Final = 1e3
-_MAX_BYTES: Final = 4_000_000  # limit of the control API
+_MAX_MB: Final = 4  # limit of the control API
 
 
 def arm_tab(page: Page) -> None:
@@ -65,12 +66,11 @@ def _payload_form(page: Page) -> None:
     ui.label("Payload on the flange").classes("panel-title")
     page.live.text(_mounted_text, "sim-text").props("data-testid=mounted")
     with ui.element("div").classes("sim-four"):
-        mass = number_field("Mass", "kg", "mount-mass", format_="%.3f")
-        cog = [number_field(f"C{axis}", "mm", f"mount-c{axis.lower()}") for axis in "XYZ"]
+        fields = payload_fields("mount")
 
     async def mount() -> None:
-        mass_kg, *cog_mm = read_numbers([mass, *cog], "The payload")
-        await station.emulator.change("mount_payload", mass_kg=mass_kg, cog_m=[value / _MM for value in cog_mm])
+        mass_kg, cog_m = entered_payload(fields)
+        await station.emulator.change("mount_payload", mass_kg=mass_kg, cog_m=cog_m)
 
     with ui.element("div").classes("sim-row"):
         ui.button("Mount", on_click=page.handler(mount)).props("unelevated no-caps data-testid=mount")
@@ -80,8 +80,7 @@ def _payload_form(page: Page) -> None:
 
 
 def _mounted_text(station: Station) -> str:
-    world = station.emulator.watch("world").value if station.emulator.available else None
-    payload = None if world is None else world["payload"]
+    payload = (station.emulator.read("world") or {}).get("payload")
     if payload is None:
         return "The mounted payload is the one that programs set."
     cog = ", ".join(f"{_MM * value:.1f}" for value in payload["cog_m"])
@@ -98,22 +97,17 @@ def _state_form(page: Page) -> None:
         name = f"{document['model']}-state.json"
         ui.download.content(json.dumps(document, indent=1), name, "application/json")
 
-    async def restore(event: events.UploadEventArguments) -> None:
-        async def restore_upload() -> None:
-            await station.emulator.change("restore", document=read_document(await event.file.read()))
-
-        await page.attempt(restore_upload, "The state is restored")
-        upload.reset()
+    async def restore(content: bytes, _: str) -> None:
+        await station.emulator.change("restore", document=read_document(content))
 
     with ui.element("div").classes("sim-row"):
         ui.button("Save", icon="download", on_click=page.handler(save)).props(
             "unelevated no-caps data-testid=save-state"
         )
-        upload = ui.upload(on_upload=restore, auto_upload=True, max_file_size=_MAX_BYTES, max_files=1)
-        upload.props("accept=.json,application/json data-testid=restore-upload").classes("sim-upload")
-        ui.button("Restore", icon="upload", on_click=lambda: upload.run_method("pickFiles")).props(
-            "outline no-caps data-testid=restore-state"
+        pick = page.picker(
+            ".json,application/json", "restore-upload", restore, "a state", _MAX_MB, "The state is restored"
         )
+        ui.button("Restore", icon="upload", on_click=pick).props("outline no-caps data-testid=restore-state")
 
 
 def read_document(content: bytes) -> dict[str, Any]:

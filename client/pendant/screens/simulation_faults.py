@@ -130,7 +130,7 @@ def _fault_list(page: Page) -> None:
             if fault_list.default_slot.children.index(row.element) != index:
                 row.element.move(target_index=index)
 
-    page.live.effect(lambda station: emulator.watch("faults").value if emulator.available else None, show)
+    page.live.effect(lambda station: emulator.read("faults"), show)
 
 
 class _Row:

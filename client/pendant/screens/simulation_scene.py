@@ -1,6 +1,7 @@
 """The arm and the objects around it, in 3D; a ball at its tool is dragged to push it."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import dist
 from typing import Any, Final
 
@@ -32,11 +33,10 @@ def scene_panel(page: Page) -> None:
         keep_pushing = _wrench_form(page)
     page.live.bind(data_element, "value", _Surroundings().read)
     ui.run_javascript(f"pendant.surroundings({data_element.id}, {scene.id})")
-    push_requests = LatestRequest[Sequence[float] | None](
-        lambda force: _push_or_release(page.station, force), page.show_error
-    )
+    emulator = page.station.emulator
+    push_requests = LatestRequest[Sequence[float] | None](partial(_push_or_release, page.station), page.show_error)
     move_requests = LatestRequest[dict[str, Any]](
-        lambda moved: page.station.emulator.change("move_object", **moved), page.show_error
+        lambda moved: emulator.change("move_object", **moved), page.show_error
     )
     dragging = [False]
 
@@ -49,7 +49,7 @@ def scene_panel(page: Page) -> None:
     def move(message: Any) -> None:
         if not isinstance(message, dict) or not _is_vector(message.get("position")):
             return
-        obj = (_objects(page.station) or {}).get(message.get("name"))
+        obj = (objects(page.station) or {}).get(message.get("name"))
         if obj is not None:
             move_requests.submit({"name": message["name"], "pose": [*message["position"], *obj["pose"][3:]]})
 
@@ -103,18 +103,13 @@ async def _push_or_release(station: Station, force: Sequence[float] | None) -> N
         await station.emulator.change("release_tool")
 
 
-def _world(station: Station) -> Any:
-    return station.emulator.watch("world").value if station.emulator.available else None
-
-
 def _current_push(station: Station) -> Any:
-    world = _world(station)
-    return None if world is None else world["push"]
+    return (station.emulator.read("world") or {}).get("push")
 
 
-def _objects(station: Station) -> Any:
-    world = _world(station)
-    return None if world is None else world["objects"]
+def objects(station: Station) -> Any:
+    """The objects around the arm by name; None while they are unknown."""
+    return (station.emulator.read("world") or {}).get("objects")
 
 
 class _Surroundings:
@@ -133,7 +128,7 @@ class _Surroundings:
         return {
             "tool": tool,
             "force": _base_force(_current_push(station), pose),
-            "objects": self._describe_objects(_objects(station)),
+            "objects": self._describe_objects(objects(station)),
         }
 
     def _describe_objects(self, objects: Any) -> list[dict[str, Any]]:

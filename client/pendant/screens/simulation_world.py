@@ -9,7 +9,7 @@ from nicegui import ui
 
 from client.pendant.page import Page
 from client.pendant.screens.simulation_arm import number_field, read_numbers
-from client.pendant.station import Station
+from client.pendant.screens.simulation_scene import objects
 
 _MM: Final = 1e3
 _AXES: Final = ("x", "y", "z")
@@ -30,28 +30,24 @@ def world_tab(page: Page) -> None:
     fields: dict[str, list[ui.number]] = {}
     sizes: dict[str, str] = {}
 
-    def show(objects: Mapping[str, Any] | None) -> None:
+    def show(found: Mapping[str, Any] | None) -> None:
         """Keep the rows while only poses change, because a user may be typing there."""
-        current = {name: _size(obj) for name, obj in (objects or {}).items()}
+        found = found or {}
+        current = {name: _size(obj) for name, obj in found.items()}
         if current != sizes or not fields:
             sizes.clear()
             sizes.update(current)
             fields.clear()
             rows.clear()
             with rows:
-                fields.update({name: _object_row(page, name, obj) for name, obj in (objects or {}).items()})
-                if not objects:
+                fields.update({name: _object_row(page, name, obj) for name, obj in found.items()})
+                if not found:
                     ui.label("There are no objects around the arm.").classes("init-hint")
-        for name, obj in (objects or {}).items():
+        for name, obj in found.items():
             for field, value in zip(fields[name], _from_si(obj["pose"]), strict=True):
                 field.set_value(value)
 
-    page.live.effect(_objects, show)
-
-
-def _objects(station: Station) -> Any:
-    world = station.emulator.watch("world").value if station.emulator.available else None
-    return None if world is None else world["objects"]
+    page.live.effect(objects, show)
 
 
 def object_description(
@@ -107,7 +103,7 @@ def _add_form(page: Page) -> None:
         k, d, mu = read_numbers([stiffness, damping, friction], "The material")
         material = {"stiffness": _MM * k, "damping": _MM * d, "friction": mu}
         obj = object_description(shape.value, read_numbers(sizes, "The size"), read_numbers(pose, "The pose"), material)
-        object_name = (name.value or "").strip() or _free_name(shape.value, _objects(page.station) or {})
+        object_name = (name.value or "").strip() or _free_name(shape.value, objects(page.station) or {})
         await page.station.emulator.change("add_object", name=object_name, description=obj)
         name.set_value("")
 

@@ -141,6 +141,15 @@ const pendant = (() => {
     send({ held: null });
   }
 
+  // Adds a <span> to an element; returns it.
+  function span(parent, kind, text) {
+    const made = document.createElement("span");
+    made.className = kind;
+    made.textContent = text;
+    parent.appendChild(made);
+    return made;
+  }
+
   const holdable = (event) => event.target.closest && event.target.closest("[data-hold]");
 
   // All of these listen in the capture phase of the window, before another listener can stop the event, as Quasar's
@@ -178,5 +187,5 @@ const pendant = (() => {
     else release();
   });
 
-  return { start, followers, receivers, context, send };
+  return { start, followers, receivers, context, send, span };
 })();

@@ -184,15 +184,78 @@
     mesh.position.set(...pose.slice(0, 3));
   };
 
-  // Returns a raycaster for the position of the pointer in a scene.
-  pendant.createRaycaster = (THREE, view, event) => {
-    const box = view.renderer.domElement.getBoundingClientRect();
-    const at = new THREE.Vector2(
-      ((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2,
-    );
-    const caster = new THREE.Raycaster();
-    caster.setFromCamera(at, view.camera);
-    return caster;
+  const SEND_PERIOD_MS = 60; // between messages to the pendant during a drag
+
+  // Drags shapes of a scene in a plane. A subclass has the methods hitTest (of a raycaster: what is at the pointer),
+  // grab (the normal of the plane, its origin, and what else to remember), dragTo (a point of the plane) and drop.
+  pendant.Dragging = class {
+    constructor(THREE, view) {
+      this.THREE = THREE;
+      this.view = view; // NiceGUI's element
+      this.drag = null;
+      this.lastSent = 0;
+      const listen = (type, handler) => view.$el.addEventListener(type, handler.bind(this), true);
+      listen("pointerdown", this.startDrag);
+      listen("pointermove", this.move);
+      listen("pointerup", this.endDrag);
+      listen("pointercancel", this.endDrag);
+      window.addEventListener("blur", () => this.endDrag());
+    }
+
+    raycaster(event) {
+      const box = this.view.renderer.domElement.getBoundingClientRect();
+      const at = new this.THREE.Vector2(
+        ((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2,
+      );
+      const caster = new this.THREE.Raycaster();
+      caster.setFromCamera(at, this.view.camera);
+      return caster;
+    }
+
+    startDrag(event) {
+      if (event.button > 0 || this.drag) return;
+      const caster = this.raycaster(event);
+      const hit = this.hitTest(caster);
+      if (!hit) return;
+      const grabbed = this.grab(hit, this.view.camera.getWorldDirection(new this.THREE.Vector3()), event.shiftKey);
+      const plane = new this.THREE.Plane().setFromNormalAndCoplanarPoint(grabbed.normal, grabbed.origin);
+      const start = caster.ray.intersectPlane(plane, new this.THREE.Vector3());
+      if (!start) return;
+      this.drag = { ...grabbed, plane, start, pointer: event.pointerId };
+      this.view.controls.enabled = false;
+      this.view.$el.setPointerCapture(event.pointerId);
+      event.stopPropagation();
+      event.preventDefault();
+    }
+
+    move(event) {
+      const caster = this.raycaster(event);
+      if (!this.drag) {
+        this.view.$el.style.cursor = this.hitTest(caster) ? "grab" : "";
+        return;
+      }
+      event.stopPropagation();
+      const at = caster.ray.intersectPlane(this.drag.plane, new this.THREE.Vector3());
+      if (at) this.dragTo(at);
+    }
+
+    // now: even if the last message was sent only just before
+    send(message, now = false) {
+      const time = performance.now();
+      if (!now && time - this.lastSent < SEND_PERIOD_MS) return;
+      this.lastSent = time;
+      pendant.send(message);
+    }
+
+    endDrag(event) {
+      const { drag } = this;
+      if (!drag) return;
+      event?.stopPropagation();
+      this.drag = null;
+      this.view.controls.enabled = true;
+      if (this.view.$el.hasPointerCapture?.(drag.pointer)) this.view.$el.releasePointerCapture(drag.pointer);
+      this.drop(drag);
+    }
   };
 
   // Returns the position of a point of a scene in pixels of the page.

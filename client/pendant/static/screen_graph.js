@@ -211,12 +211,14 @@
     const scale = area.width / (view.right - view.left);
     const xs = [];
     const ys = [];
+    const markGap = (row) => {
+      if (row === first || time(row) - time(row - 1) <= GAP_S) return;
+      xs.push(xs.at(-1));
+      ys.push(NaN);
+    };
     if (last - first <= 2 * area.width) {
       for (let row = first; row < last; row++) {
-        if (row > first && time(row) - time(row - 1) > GAP_S) {
-          xs.push(xs.at(-1));
-          ys.push(NaN);
-        }
+        markGap(row);
         xs.push(area.left + (time(row) - view.left) * scale);
         ys.push(data[row * width + column] * series.factor);
       }
@@ -224,10 +226,7 @@
     }
     let row = first;
     while (row < last) {
-      if (row > first && time(row) - time(row - 1) > GAP_S) {
-        xs.push(xs.at(-1));
-        ys.push(NaN);
-      }
+      markGap(row);
       const x = Math.floor((time(row) - view.left) * scale);
       let low = Infinity;
       let high = -Infinity;

@@ -9,22 +9,15 @@ const pendantLog = (() => {
     hour12: false,
   });
 
-  function cell(line, kind, text) {
-    const span = document.createElement("span");
-    span.className = kind;
-    span.textContent = text;
-    line.appendChild(span);
-  }
-
   function row([time, uptime, severity, source, code, text]) {
     const line = document.createElement("div");
     line.className = `log-line ${severity}`;
-    cell(line, "log-time", clock.format(time));
-    cell(line, "log-uptime", uptime);
-    cell(line, "log-severity", "");
-    cell(line, "log-source", source);
-    cell(line, "log-code", code);
-    cell(line, "log-text", text);
+    pendant.span(line, "log-time", clock.format(time));
+    pendant.span(line, "log-uptime", uptime);
+    pendant.span(line, "log-severity", "");
+    pendant.span(line, "log-source", source);
+    pendant.span(line, "log-code", code);
+    pendant.span(line, "log-text", text);
     return line;
   }
 

@@ -1,7 +1,6 @@
 "use strict";
 // Plan tab: obstacles, the handle with which the target is dragged, and the planned path. See screens/move_plan.py.
 (() => {
-  const SEND_PERIOD_MS = 60;
   const ARROW_M = 0.17;
   const RING_M = 0.12;
   const PATH_M = 0.004; // radius of the line that shows the path
@@ -14,21 +13,13 @@
   const shown = new Map(); // element id of a scene -> the last value of each kind
   let THREE = null;
 
-  class View {
+  class View extends pendant.Dragging {
     constructor(scene) {
-      this.scene = scene; // NiceGUI's element
+      super(THREE, scene);
       this.root = scene.scene;
       this.objects = [];
       this.version = 1;
-      this.drag = null;
-      this.lastSent = 0;
       this.build();
-      const listen = (type, handler) => scene.$el.addEventListener(type, handler.bind(this), true);
-      listen("pointerdown", this.startDrag);
-      listen("pointermove", this.move);
-      listen("pointerup", this.endDrag);
-      listen("pointercancel", this.endDrag);
-      window.addEventListener("blur", () => this.endDrag());
     }
 
     // The handle: a ball, and an arrow and a ring per axis. Thicker invisible shapes make them easier to grab.
@@ -141,72 +132,40 @@
 
     // dragging
 
-    hitTest(event) {
-      if (!this.handle.visible) return null;
-      return pendant.createRaycaster(THREE, this.scene, event).intersectObjects(this.grabShapes, false)[0] || null;
+    hitTest(caster) {
+      return this.handle.visible ? caster.intersectObjects(this.grabShapes, false)[0] : null;
     }
 
-    startDrag(event) {
-      if (event.button > 0 || this.drag) return;
-      const hit = this.hitTest(event);
-      if (!hit) return;
-      const { shape, axis } = hit.object.userData;
-      const viewDirection = this.scene.camera.getWorldDirection(new THREE.Vector3());
+    grab({ object }, viewDirection) {
+      const { shape, axis } = object.userData;
       const along = axis === undefined ? null : this.unit(axis).applyQuaternion(this.handle.quaternion);
       const normal = shape === "ball" ? viewDirection : shape === "ring" ? along : along.clone().cross(viewDirection).cross(along).normalize();
-      const center = this.handle.position.clone();
-      const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, center);
-      const start = this.pointOn(plane, event);
-      if (!start) return;
-      this.drag = { shape, along, plane, center, start, turn: this.turn.clone(), axes: this.handle.quaternion.clone(), pointer: event.pointerId };
-      this.scene.controls.enabled = false;
-      this.scene.$el.setPointerCapture(event.pointerId);
-      event.stopPropagation();
-      event.preventDefault();
+      const origin = this.handle.position.clone();
+      return { shape, along, normal, origin, turn: this.turn.clone(), axes: this.handle.quaternion.clone() };
     }
 
-    pointOn(plane, event) {
-      return pendant.createRaycaster(THREE, this.scene, event).ray.intersectPlane(plane, new THREE.Vector3());
-    }
-
-    move(event) {
-      if (!this.drag) {
-        this.scene.$el.style.cursor = this.hitTest(event) ? "grab" : "";
-        return;
-      }
-      event.stopPropagation();
-      const { shape, along, plane, center, start, turn, axes } = this.drag;
-      const at = this.pointOn(plane, event);
-      if (!at) return;
+    dragTo(at) {
+      const { shape, along, origin, start, turn, axes } = this.drag;
       if (shape === "ring") {
-        const from = start.clone().sub(center);
-        const to = at.clone().sub(center);
+        const from = start.clone().sub(origin);
+        const to = at.clone().sub(origin);
         const angle = Math.atan2(from.clone().cross(to).dot(along), from.dot(to));
         const by = new THREE.Quaternion().setFromAxisAngle(along, angle);
         this.turn.copy(by).multiply(turn);
         if (this.goal.turned) this.handle.quaternion.copy(by).multiply(axes);
       } else {
         const offset = at.sub(start);
-        this.handle.position.copy(center).add(shape === "arrow" ? along.clone().multiplyScalar(offset.dot(along)) : offset);
+        this.handle.position.copy(origin).add(shape === "arrow" ? along.clone().multiplyScalar(offset.dot(along)) : offset);
       }
       this.sendGoal(false);
     }
 
-    sendGoal(end) {
-      const now = performance.now();
-      if (!end && now - this.lastSent < SEND_PERIOD_MS) return;
-      this.lastSent = now;
-      pendant.send({ goal: { position: this.handle.position.toArray(), quaternion: this.turn.toArray(), end } });
+    drop() {
+      this.sendGoal(true);
     }
 
-    endDrag(event) {
-      if (!this.drag) return;
-      const { pointer } = this.drag;
-      event?.stopPropagation();
-      this.sendGoal(true);
-      this.drag = null;
-      this.scene.controls.enabled = true;
-      if (this.scene.$el.hasPointerCapture?.(pointer)) this.scene.$el.releasePointerCapture(pointer);
+    sendGoal(end) {
+      this.send({ goal: { position: this.handle.position.toArray(), quaternion: this.turn.toArray(), end } }, end);
     }
   }
 
@@ -248,7 +207,7 @@
       const found = view(id);
       if (!found?.handle.visible) return null;
       found.handle.updateWorldMatrix(true, false);
-      return pendant.toPixels(found.scene, found.handle.localToWorld(new THREE.Vector3(...point)));
+      return pendant.toPixels(found.view, found.handle.localToWorld(new THREE.Vector3(...point)));
     };
   };
 })();

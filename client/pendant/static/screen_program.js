@@ -6,13 +6,7 @@ const pendantProgram = (() => {
   const ID = 0, NUMBER = 1, DEPTH = 2, ICON = 3, TEXT = 4, MARKS = 5, PROBLEM = 6;
   const DRAG_PX = 6; // a shorter movement counts as a click
 
-  function part(parent, kind, text) {
-    const made = document.createElement("span");
-    made.className = kind;
-    made.textContent = text;
-    parent.appendChild(made);
-    return made;
-  }
+  const { span } = pendant;
 
   // Keys for the whole screen work everywhere except in a field; keys for a node work only in the tree.
   const COMMANDS = {
@@ -91,15 +85,15 @@ const pendantProgram = (() => {
       const words = [`${row[NUMBER]} ${row[TEXT]}`, ...marks, ...(row[PROBLEM] ? [row[PROBLEM]] : [])];
       item.setAttribute("aria-label", words.join(", "));
       if (row[PROBLEM]) item.title = row[PROBLEM];
-      part(item, "program-break", "").setAttribute("aria-hidden", "true");
-      part(item, "program-row-number", row[NUMBER]);
-      const indented = part(item, "program-row-name", "");
+      span(item, "program-break", "").setAttribute("aria-hidden", "true");
+      span(item, "program-row-number", row[NUMBER]);
+      const indented = span(item, "program-row-name", "");
       indented.style.paddingLeft = `${row[DEPTH] * 20}px`;
-      const fold = part(indented, "program-fold material-icons", opens ? (closed.has(row[ID]) ? "chevron_right" : "expand_more") : "");
+      const fold = span(indented, "program-fold material-icons", opens ? (closed.has(row[ID]) ? "chevron_right" : "expand_more") : "");
       fold.setAttribute("aria-hidden", "true");
-      part(indented, "program-icon material-icons", row[ICON]).setAttribute("aria-hidden", "true");
-      part(indented, "program-row-text", row[TEXT]);
-      if (row[PROBLEM]) part(indented, "program-row-problem", row[PROBLEM]);
+      span(indented, "program-icon material-icons", row[ICON]).setAttribute("aria-hidden", "true");
+      span(indented, "program-row-text", row[TEXT]);
+      if (row[PROBLEM]) span(indented, "program-row-problem", row[PROBLEM]);
       return item;
     }
 

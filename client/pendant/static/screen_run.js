@@ -1,13 +1,7 @@
 "use strict";
 // Run: variables, which flash when they change, and the program, with the executing line marked.
 const pendantRun = (() => {
-  function span(parent, kind, text) {
-    const made = document.createElement("span");
-    made.className = kind;
-    made.textContent = text;
-    parent.appendChild(made);
-    return made;
-  }
+  const { span } = pendant;
 
   // A change is [names of a new program or null, {index: [kind, value]}]: see client/pendant/variables.py.
   function variables(id) {

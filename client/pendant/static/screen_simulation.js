@@ -4,15 +4,11 @@
   const N_PER_M = 120; // guess: dragging by the width of a hand gives 12 N
   const MAX_N = 150; // guess
   const HEAD_M = 0.06;
-  const SEND_PERIOD_MS = 60;
 
-  class Surroundings {
+  class Surroundings extends pendant.Dragging {
     constructor(THREE, view) {
-      this.THREE = THREE;
-      this.view = view;
+      super(THREE, view);
       this.objects = new Map(); // name -> mesh
-      this.drag = null;
-      this.lastSent = 0;
       this.group = new THREE.Group();
       this.ball = new THREE.Mesh(
         new THREE.SphereGeometry(0.032, 24, 16),
@@ -28,9 +24,6 @@
       this.arrow.visible = false;
       this.group.add(this.ball, this.arrow);
       view.scene.add(this.group);
-      for (const [type, handler] of [["pointerdown", this.startDrag], ["pointermove", this.move], ["pointerup", this.endDrag], ["pointercancel", this.endDrag]])
-        view.$el.addEventListener(type, handler.bind(this), true);
-      window.addEventListener("blur", () => this.endDrag());
     }
 
     show({ tool, force, objects }) {
@@ -77,39 +70,17 @@
 
     // dragging
 
-    ray(event) {
-      return pendant.createRaycaster(this.THREE, this.view, event);
+    hitTest(caster) {
+      return caster.intersectObject(this.ball)[0] || caster.intersectObjects([...this.objects.values()], false)[0];
     }
 
-    startDrag(event) {
-      if (event.button > 0 || this.drag) return;
-      const caster = this.ray(event);
-      const viewDirection = this.view.camera.getWorldDirection(new this.THREE.Vector3());
-      const pushed = caster.intersectObject(this.ball)[0];
-      const hit = pushed ? null : caster.intersectObjects([...this.objects.values()], false)[0];
-      if (!pushed && !hit) return;
-      const normal = pushed ? viewDirection : event.shiftKey ? viewDirection.setZ(0).normalize() : new this.THREE.Vector3(0, 0, 1);
-      const start = pushed ? this.ball.position.clone() : hit.point;
-      this.drag = {
-        kind: pushed ? "push" : "move", mesh: hit?.object, start, vertical: event.shiftKey, pointer: event.pointerId,
-        from: hit?.object.position.clone(),
-        plane: new this.THREE.Plane().setFromNormalAndCoplanarPoint(normal, start),
-      };
-      this.view.controls.enabled = false;
-      this.view.$el.setPointerCapture(event.pointerId);
-      event.stopPropagation();
-      event.preventDefault();
+    grab({ object, point }, viewDirection, vertical) {
+      if (object === this.ball) return { kind: "push", normal: viewDirection, origin: object.position.clone() };
+      const normal = vertical ? viewDirection.setZ(0).normalize() : new this.THREE.Vector3(0, 0, 1);
+      return { kind: "move", mesh: object, from: object.position.clone(), vertical, normal, origin: point };
     }
 
-    move(event) {
-      if (!this.drag) {
-        const over = this.ray(event).intersectObjects([this.ball, ...this.objects.values()], false).length > 0;
-        this.view.$el.style.cursor = over ? "grab" : "";
-        return;
-      }
-      event.stopPropagation();
-      const at = this.ray(event).ray.intersectPlane(this.drag.plane, new this.THREE.Vector3());
-      if (!at) return;
+    dragTo(at) {
       if (this.drag.kind === "push") this.push(at);
       else this.moveObject(at.sub(this.drag.start));
     }
@@ -130,20 +101,7 @@
       this.send(this.drag.moved);
     }
 
-    send(message, now = false) {
-      const time = performance.now();
-      if (!now && time - this.lastSent < SEND_PERIOD_MS) return;
-      this.lastSent = time;
-      pendant.send(message);
-    }
-
-    endDrag(event) {
-      const drag = this.drag;
-      if (!drag) return;
-      event?.stopPropagation();
-      this.drag = null;
-      this.view.controls.enabled = true;
-      if (this.view.$el.hasPointerCapture?.(drag.pointer)) this.view.$el.releasePointerCapture(drag.pointer);
+    drop(drag) {
       if (drag.kind === "push") {
         if (drag.force) this.send({ push: drag.force }, true); // the last one may not have been sent
         this.send({ push: null }, true);

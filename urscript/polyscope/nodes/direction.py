@@ -12,11 +12,13 @@ from urscript.polyscope.forms import (
     child_number,
     expression_field,
     feature_field,
+    of_type,
+    parts_choice,
     pin_field,
 )
 from urscript.polyscope.naming import truth
 from urscript.polyscope.nodes.motion import DIRECTION, move_of
-from urscript.polyscope.nodes.waits import analog_condition, child_text, of_type
+from urscript.polyscope.nodes.waits import analog_condition, child_text
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.surroundings import DIGITAL_INPUTS, FEATURE_TITLES, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_reading
@@ -34,6 +36,7 @@ _EXPRESSION: Final = "expression"
 _FAR: Final = "1000.0"  # m; PolyScope moves this far when there is no distance
 _NO_RETRACTION: Final = "NONE"
 _BLEND: Final = "BLEND"
+_ENDS: Final = {"STOP": "Stop", _BLEND: "Blend"}
 _RETREAT_SPEED: Final = "0.1"  # m/s
 _FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name, because other lines of programs call it
 _UNTILS: Final = {
@@ -48,6 +51,10 @@ _ATTRIBUTES: Final = {
     "TOOL_CONTACT_DETECTION": {"retraction": "0.0", **_STOP},
     "EXPRESSION": _STOP,  # guess: no public file has one
     "IO": {"ioType": "DIGITAL_INPUT", "digitalValue": "1", **_STOP},  # guess, as well
+}
+_PARTS: Final = {
+    "DISTANCE": [make("Distance", text="0.1"), make("motionParameters", blendRadius="0.0")],
+    "EXPRESSION": [make("expression")],
 }
 
 
@@ -68,8 +75,7 @@ def _direction_shown(element: Element) -> str:
     around: Element | None = element
     while around is not None and around.child("feature") is None:
         around = around.parent
-    feature = around.child("feature") if around is not None else None
-    name = (feature.get("referencedName") or feature.get("featureName")) if feature else ""
+    name = around.named("feature") if around is not None else ""
     axis = "" if _by_expression(element) else _AXES.get(element.get("selectedDirection"), ("?",))[0]
     return f"Direction: {FEATURE_TITLES.get(name, name) or 'Base'} {axis}".rstrip()
 
@@ -242,23 +248,6 @@ def _new_until(_: Surroundings) -> Element:
     return make("Until", type="NONE", allowActions="false")
 
 
-def _choose_until(element: Element, value: str, program: Surroundings) -> None:
-    """Choose another end condition, with the attributes and children that files have for it."""
-    kept = ("type", "allowActions")
-    for name in [name for name in element.resolved().attributes if name not in kept]:
-        program.set_attribute(element, name, None)
-    program.set_attribute(element, "type", value)
-    for name, default in _ATTRIBUTES.get(value, {}).items():
-        program.set_attribute(element, name, default)
-    for tag in ("Distance", "motionParameters", "pin", "expression"):
-        program.set_child(element, tag, None)
-    if value == "DISTANCE":
-        program.set_text(element, "Distance", "0.1")
-        program.set_child(element, "motionParameters", make("motionParameters", blendRadius="0.0"))
-    elif value == "EXPRESSION":
-        program.set_child(element, "expression", make("expression"))
-
-
 def _allow_actions(element: Element, value: bool, program: Surroundings) -> None:
     program.set_attribute(element, "allowActions", "true" if value else "false")
     if element.child("children") is None and value:
@@ -286,15 +275,9 @@ UNTIL: Final = Kind(
     contains="nodes",
     undefined=_until_lacks,
     fields=(
-        Field("type", "Until", "choice", lambda e, _: e.get("type"), _choose_until, choices=tuple(_UNTILS.items())),
+        parts_choice("type", "Until", "type", _UNTILS, _PARTS, _ATTRIBUTES, ["allowActions", "children"]),
         child_number("distance", "Distance", "Distance", unit="mm", factor=MILLI, low=0.0, shown=of_type("DISTANCE")),
-        attribute_choice(
-            "distance_end",
-            "At the end",
-            "distanceNodeType",
-            {"STOP": "Stop", _BLEND: "Blend"},
-            shown=of_type("DISTANCE"),
-        ),
+        attribute_choice("distance_end", "At the end", "distanceNodeType", _ENDS, shown=of_type("DISTANCE")),
         expression_field("expression", "Expression", shown=of_type("EXPRESSION")),
         pin_field("input", "Input", DIGITAL_INPUTS, shown=of_type("IO")),
         attribute_choice("level", "Level", "digitalValue", {"1": "High", "0": "Low"}, shown=of_type("IO")),
@@ -308,13 +291,7 @@ UNTIL: Final = Kind(
             shown=of_type("TOOL_CONTACT_DETECTION", "EXPRESSION", "IO"),
             optional=True,
         ),
-        Field(
-            "actions",
-            "Add action",
-            "boolean",
-            lambda element, _: element.get("allowActions") == "true",
-            _allow_actions,
-        ),
+        Field("actions", "Add action", "boolean", lambda e, _: e.get("allowActions") == "true", _allow_actions),
     ),
 )
 

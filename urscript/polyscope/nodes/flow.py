@@ -1,16 +1,15 @@
 """Branches, loops and timers."""
 
-from collections.abc import Callable
 from typing import Final
 
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import (
-    Field,
     attribute_boolean,
     attribute_choice,
     attribute_number,
     expression_field,
+    of_type,
     titled,
     variable_field,
 )
@@ -153,10 +152,6 @@ def _choose_loop(element: Element, value: str, program: Surroundings) -> None:
     program.set_child(element, "loopVariable", variable)
 
 
-def _is(kind: str) -> Callable[[Element], bool]:
-    return lambda element: element.get("type") == kind
-
-
 def _loop_shown(element: Element) -> str:
     if element.get("type") == "Counting":
         return f"Loop {element.get('count')} times"
@@ -180,11 +175,11 @@ LOOP: Final = Kind(
     contains="nodes",
     undefined=_loop_lacks,
     fields=(
-        Field("type", "Loop", "choice", lambda e, _: e.get("type"), _choose_loop, choices=tuple(_LOOPS.items())),
-        attribute_number("count", "Times", "count", whole=True, low=0, high=2147483647, shown=_is("Counting")),
-        variable_field("variable", "Counts in", "loopVariable", shown=_is("Counting")),
-        expression_field("expression", "Expression", shown=_is("While")),
-        attribute_boolean("continuously", "Check expression continuously", "checkContinuously", shown=_is("While")),
+        attribute_choice("type", "Loop", "type", _LOOPS, _choose_loop),
+        attribute_number("count", "Times", "count", whole=True, low=0, high=2147483647, shown=of_type("Counting")),
+        variable_field("variable", "Counts in", "loopVariable", shown=of_type("Counting")),
+        expression_field("expression", "Expression", shown=of_type("While")),
+        attribute_boolean("continuously", "Check expression continuously", "checkContinuously", shown=of_type("While")),
     ),
 )
 
@@ -281,7 +276,7 @@ def switch(writer: Writer, element: Element) -> Steps[None]:
     name = f"switch_{writer.count('switch')}"
     writer.label(element, f"Switch {expression_label(writer, element.child('expression'))}")
     writer.line(f"{name} = {expression_text(writer, element.child('expression'))}")
-    default = [case for case in cases if case.get("caseValue") in ("", _DEFAULT_CASE)]
+    default = [case for case in cases if _is_default(case)]
     numbered = [case for case in cases if case not in default]
     for index, case in enumerate(numbered):
         writer.line(f"{'elif' if index else 'if'} ({case.get('caseValue')} == {name}):")

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from typing import Final, Literal
 
 from urscript.polyscope.document import DocumentError, Element, make
-from urscript.polyscope.forms import DEGREES, MILLI, Field, attribute_choice, feature_field, java_number
-from urscript.polyscope.numbers import number
+from urscript.polyscope.forms import DEGREES, MILLI, Field, attribute_choice, feature_field
+from urscript.polyscope.numbers import double_text, number
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.surroundings import Surroundings
 from urscript.polyscope.writer import TOOL, Writer
@@ -80,7 +80,7 @@ def _number(
         return round(number(text) / factor, 9) if text else None
 
     def write(element: Element, value: float, program: Surroundings) -> None:
-        _set_part(element, tag, axis, java_number(value * factor), program)
+        _set_part(element, tag, axis, double_text(value * factor), program)
 
     key = f"{_AXES[axis].lower()}_{what}"
     label = f"{_AXES[axis]}: {title}"

@@ -1,11 +1,18 @@
 """Move nodes, and the move to the home position."""
 
-from collections.abc import Callable
 from typing import Final
 
 from urproto.versions import Availability
 from urscript.polyscope.document import DocumentError, Element, make
-from urscript.polyscope.forms import MILLI, Field, attribute_boolean, attribute_choice, attribute_number, feature_field
+from urscript.polyscope.forms import (
+    MILLI,
+    Field,
+    attribute_boolean,
+    attribute_choice,
+    attribute_number,
+    feature_field,
+    having,
+)
 from urscript.polyscope.nodes.motion import JOINT_DEFAULTS, JOINTS, TOOL_DEFAULTS, speed_fields
 from urscript.polyscope.nodes.outputs import tcp_names
 from urscript.polyscope.nodes.waypoints import new_waypoint
@@ -17,11 +24,26 @@ from urscript.work import Steps
 
 _BLEND_DEFAULT: Final = "0.025"  # m, of a MoveP
 _OPTIMOVES: Final = Availability.since(None, "5.21")  # seen from there on
+_MOTIONS: Final = {kind: kind for kind in ("MoveJ", "MoveL", "MoveP")}
 _ACTIVE, _FLANGE = "Active TCP", "Tool flange"
+_BY_SPEED, _BY_TIME = "SPEED_AND_ACCELERATION", "TIME"  # the second is a guess: no public file has it
+_BY: Final = "positionOptionType"
 
+HOME: Final = Kind(
+    "home",
+    "Home",
+    "Advanced",
+    lambda _: "Home",
+    new=lambda _: make("SafeHome", positionOptionType=_BY_SPEED, **JOINT_DEFAULTS, nextMotionTime="2.0"),
+    available=Availability.since(None, "5.4"),  # guess: seen from 5.11 on
+    fields=(
+        attribute_choice("option", "Move by", _BY, {_BY_SPEED: "Speed and acceleration", _BY_TIME: "Time"}),
+        *speed_fields("joint", "Joint", ("speed", "acceleration"), having(_BY, _BY_SPEED)),
+        attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=having(_BY, _BY_TIME)),
+    ),
+)
 
-def _is_joint(element: Element) -> bool:
-    return element.get("motionType") == "MoveJ"
+_is_joint: Final = having("motionType", "MoveJ")
 
 
 def _choose_motion(element: Element, value: str, program: Surroundings) -> None:
@@ -36,10 +58,7 @@ def _choose_motion(element: Element, value: str, program: Surroundings) -> None:
 
 
 def _tcp_read(element: Element, _: Surroundings) -> str:
-    tcp = element.child("tcp")
-    if tcp is not None:
-        return tcp.get("referencedName")
-    return _FLANGE if element.get("useActiveTCP") == "false" else _ACTIVE
+    return element.named("tcp") or (_FLANGE if element.get("useActiveTCP") == "false" else _ACTIVE)
 
 
 def _tcp_write(element: Element, value: str, program: Surroundings) -> None:
@@ -48,10 +67,6 @@ def _tcp_write(element: Element, value: str, program: Surroundings) -> None:
         raise FieldError(f"the installation {program.installation.name} has no TCP called {value!r}")
     program.set_attribute(element, "useActiveTCP", "true" if value == _ACTIVE else "false")
     program.set_child(element, "tcp", program.named("tcp", value) if own else None)
-
-
-def _joint_angles_write(element: Element, value: bool, program: Surroundings) -> None:
-    program.set_attribute(element, "positionType", JOINTS if value else "CartesianPose")
 
 
 def _new_move(program: Surroundings) -> Element:
@@ -78,14 +93,7 @@ MOVE: Final = Kind(
     new=_new_move,
     contains="nodes",
     fields=(
-        Field(
-            "motion",
-            "Motion",
-            "choice",
-            lambda element, _: element.get("motionType"),
-            _choose_motion,
-            choices=tuple((kind, kind) for kind in ("MoveJ", "MoveL", "MoveP")),
-        ),
+        attribute_choice("motion", "Motion", "motionType", _MOTIONS, _choose_motion),
         Field("tcp", "Set TCP", "tcp", _tcp_read, _tcp_write, options=lambda p: [_ACTIVE, _FLANGE, *tcp_names(p)]),
         feature_field("feature", "Feature"),
         *speed_fields("joint", "Joint", ("speed", "acceleration"), _is_joint),
@@ -97,14 +105,13 @@ MOVE: Final = Kind(
             unit="mm",
             factor=MILLI,
             low=0.0,
-            shown=lambda element: element.get("motionType") == "MoveP",
+            shown=having("motionType", "MoveP"),
         ),
-        Field(
+        attribute_boolean(
             "joint_angles",
             "Use joint angles",
-            "boolean",
-            lambda element, _: element.get("positionType") == JOINTS,
-            _joint_angles_write,
+            "positionType",
+            values=("CartesianPose", JOINTS),
             shown=lambda element: _is_joint(element) and bool(element.get("positionType")),
         ),
         attribute_boolean(
@@ -119,7 +126,7 @@ MOVE: Final = Kind(
                 factor=0.01,
                 low=0.0,
                 high=100.0,
-                shown=lambda element: element.get("optimoveEnabled") == "true",
+                shown=having("optimoveEnabled", "true"),
             )
             for name in ("Speed", "Acceleration")
         ),
@@ -138,30 +145,6 @@ def move(writer: Writer, element: Element) -> Steps[None]:
     """Move through waypoints with MoveJ, MoveL or MoveP; it may have its own TCP or feature."""
     writer.label(element, element.get("motionType"))
     yield from translate_children(writer, element)
-
-
-_BY_SPEED, _BY_TIME = "SPEED_AND_ACCELERATION", "TIME"  # the second is a guess: no public file has it
-
-
-def _by(option: str) -> Callable[[Element], bool]:
-    return lambda element: element.get("positionOptionType") == option
-
-
-HOME: Final = Kind(
-    "home",
-    "Home",
-    "Advanced",
-    lambda _: "Home",
-    new=lambda _: make("SafeHome", positionOptionType=_BY_SPEED, **JOINT_DEFAULTS, nextMotionTime="2.0"),
-    available=Availability.since(None, "5.4"),  # guess: seen from 5.11 on
-    fields=(
-        attribute_choice(
-            "option", "Move by", "positionOptionType", {_BY_SPEED: "Speed and acceleration", _BY_TIME: "Time"}
-        ),
-        *speed_fields("joint", "Joint", ("speed", "acceleration"), _by(_BY_SPEED)),
-        attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=_by(_BY_TIME)),
-    ),
-)
 
 
 @node("SafeHome", HOME)

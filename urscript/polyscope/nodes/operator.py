@@ -10,6 +10,8 @@ from urscript.polyscope.forms import (
     attribute_choice,
     attribute_text,
     expression_field,
+    having,
+    parts_choice,
     variable_field,
 )
 from urscript.polyscope.naming import quoted
@@ -27,8 +29,7 @@ def variable_shown(element: Element | None) -> str:
     return (element.get("name") or element.get("featureName") if element else "") or "?"
 
 
-def _asks_for_variable(element: Element) -> bool:
-    return element.get("inputType") == "Variable"
+_asks_for_variable: Final = having("inputType", "Variable")
 
 
 def _choose_input(element: Element, value: str, program: Surroundings) -> None:
@@ -91,16 +92,7 @@ def halt(writer: Writer, element: Element) -> None:
     writer.line("halt")
 
 
-def _of_operator(element: Element) -> bool:
-    return element.get("valueSource") == "Operator"
-
-
-def _choose_source(element: Element, value: str, program: Surroundings) -> None:
-    operator = value == "Operator"
-    program.set_attribute(element, "valueSource", value)
-    program.set_attribute(element, "message", "" if operator else None)
-    program.set_attribute(element, "valueType", "Boolean" if operator else None)
-    program.set_child(element, "expression", None if operator else make("expression"))
+_of_operator: Final = having("valueSource", "Operator")
 
 
 def _new_assignment(program: Surroundings) -> Element:
@@ -128,13 +120,14 @@ ASSIGNMENT: Final = Kind(
     undefined=_assignment_lacks,
     fields=(
         variable_field("variable", "Variable"),
-        Field(
+        parts_choice(
             "source",
             "Source",
-            "choice",
-            lambda element, _: element.get("valueSource"),
-            _choose_source,
-            choices=tuple(_SOURCES.items()),
+            "valueSource",
+            _SOURCES,
+            {"Expression": [make("expression")]},
+            {"Operator": {"message": "", "valueType": "Boolean"}},
+            ["variable"],
         ),
         expression_field("expression", "Expression", shown=lambda element: not _of_operator(element)),
         attribute_text("message", "Question", "message", shown=_of_operator),

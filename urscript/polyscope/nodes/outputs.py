@@ -1,7 +1,6 @@
 """Setting outputs, the tool and the payload."""
 
-from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 from urproto.versions import Availability
 from urscript.polyscope.document import DocumentError, Element, make
@@ -12,10 +11,13 @@ from urscript.polyscope.forms import (
     attribute_number,
     child_number,
     expression_field,
+    in_child,
+    of_type,
+    parts_choice,
     pin_field,
 )
 from urscript.polyscope.naming import truth
-from urscript.polyscope.nodes.waits import child_text, level_field, of_type, pin_shown
+from urscript.polyscope.nodes.waits import child_text, level_field, pin_shown
 from urscript.polyscope.numbers import list_text, number, number_text
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import ANALOG_OUTPUTS, DIGITAL_OUTPUTS, OUTPUTS, FieldError, Surroundings
@@ -33,44 +35,12 @@ _ACTIONS: Final = {
     "ExpressionOutput": "An output to an expression",
     _PULSE: "A single pulse",
 }
-_PARTS: Final = {  # the children that files have for each type
-    "DigitalOutput": ("pin", "digitalValue"),
-    "AnalogOutput": ("pin", "analogValue"),
-    "ExpressionOutput": ("pin", "expression"),
-    _PULSE: (_PULSE,),
+_PARTS: Final = {
+    "DigitalOutput": [make("digitalValue", text="1")],
+    "AnalogOutput": [make("analogValue", text="0.0")],
+    "ExpressionOutput": [make("expression")],
+    _PULSE: [make(_PULSE, hiPulseInSeconds="0.5")],
 }
-
-
-def _choose(element: Element, value: str, program: Surroundings) -> None:
-    for child in list(element.resolved().children):
-        if child.tag != "tcp":
-            program.set_child(element, child.tag, None)
-    program.set_attribute(element, "type", value)
-    parts = _PARTS.get(value, ())
-    if "digitalValue" in parts:
-        program.set_text(element, "digitalValue", "1")
-    if "analogValue" in parts:
-        program.set_text(element, "analogValue", "0.0")
-    if "expression" in parts:
-        program.set_child(element, "expression", make("expression"))
-    if _PULSE in parts:
-        program.set_child(element, _PULSE, make(_PULSE, hiPulseInSeconds="0.5"))
-
-
-def _of_pulse(field: Field) -> Field:
-    """A field of the pulse inside a Set."""
-
-    def read(element: Element, program: Surroundings) -> Any:
-        pulse = element.child(_PULSE)
-        return field.read(pulse, program) if pulse else None
-
-    def write(element: Element, value: Any, program: Surroundings) -> None:
-        pulse = element.child(_PULSE)
-        if pulse is None:
-            raise FieldError("the node does not output a single pulse")
-        field.write(pulse, value, program)
-
-    return replace(field, read=read, write=write, shown=of_type(_PULSE))
 
 
 def tcp_names(program: Surroundings) -> list[str]:
@@ -82,11 +52,6 @@ def _set_tcp(element: Element, value: str | None, program: Surroundings) -> None
     if value is not None and value not in program.installation.tcps:
         raise FieldError(f"the installation {program.installation.name} has no TCP called {value!r}")
     program.set_child(element, "tcp", program.named("tcp", value) if value else None)
-
-
-def _tcp_read(element: Element, _: Surroundings) -> str | None:
-    tcp = element.child("tcp")
-    return (tcp.get("referencedName") or None) if tcp else None
 
 
 def _set_shown(element: Element) -> str:
@@ -117,7 +82,7 @@ SET: Final = Kind(
     new=lambda _: make("Set", type="NoAction"),
     undefined=_set_lacks,
     fields=(
-        Field("type", "Set", "choice", lambda e, _: e.get("type"), _choose, choices=tuple(_ACTIONS.items())),
+        parts_choice("type", "Set", "type", _ACTIONS, _PARTS, keep=["tcp"]),
         pin_field("output", "Output", DIGITAL_OUTPUTS, shown=of_type("DigitalOutput")),
         level_field(shown=of_type("DigitalOutput")),
         pin_field("analog_output", "Output", ANALOG_OUTPUTS, shown=of_type("AnalogOutput")),
@@ -126,9 +91,12 @@ SET: Final = Kind(
         ),
         pin_field("any_output", "Output", OUTPUTS, shown=of_type("ExpressionOutput")),
         expression_field("expression", "Expression", shown=of_type("ExpressionOutput")),
-        _of_pulse(pin_field("pulse_output", "Output", DIGITAL_OUTPUTS)),
-        _of_pulse(attribute_number("pulse", "Pulse", "hiPulseInSeconds", unit="s", low=0.0)),
-        Field("tcp", "TCP", "tcp", _tcp_read, _set_tcp, options=tcp_names, optional=True),
+        in_child(_PULSE, pin_field("pulse_output", "Output", DIGITAL_OUTPUTS, shown=of_type(_PULSE))),
+        in_child(
+            _PULSE,
+            attribute_number("pulse", "Pulse", "hiPulseInSeconds", unit="s", low=0.0, shown=of_type(_PULSE)),
+        ),
+        Field("tcp", "TCP", "tcp", lambda e, _: e.named("tcp") or None, _set_tcp, options=tcp_names, optional=True),
         attribute_number("payload", "Payload", "payload", unit="kg", low=0.0, optional=True),
         attribute_boolean(
             "tcp_as_cog", "Centre of gravity at the TCP", "tcpAsCog", shown=lambda e: bool(e.get("payload"))
@@ -201,6 +169,12 @@ def _pulse(writer: Writer, element: Element) -> None:
     writer.line(f"singlePulse{name} = run SinglePulse{name}()")
 
 
+def _choose_payload(element: Element, value: str, program: Surroundings) -> None:
+    if value not in program.installation.payloads:
+        raise FieldError(f"the installation {program.installation.name} has no payload called {value!r}")
+    program.set_attribute(element, "workpieceName", value)
+
+
 SET_PAYLOAD: Final = Kind(
     "set_payload",
     "Set Payload",
@@ -215,17 +189,11 @@ SET_PAYLOAD: Final = Kind(
             "Payload",
             "payload",
             lambda element, _: element.get("workpieceName"),
-            lambda element, value, program: _choose_payload(element, value, program),
+            _choose_payload,
             options=lambda program: sorted(program.installation.payloads),
         ),
     ),
 )
-
-
-def _choose_payload(element: Element, value: str, program: Surroundings) -> None:
-    if value not in program.installation.payloads:
-        raise FieldError(f"the installation {program.installation.name} has no payload called {value!r}")
-    program.set_attribute(element, "workpieceName", value)
 
 
 @node("SetPayload", SET_PAYLOAD)

@@ -5,9 +5,9 @@ from typing import Final
 from urproto.text import lines
 from urscript.polyscope.document import DocumentError, Element, make, sharing
 from urscript.polyscope.expressions import expression_shown, lacks_expression
-from urscript.polyscope.forms import Field, attribute_boolean, expression_field, node_name
+from urscript.polyscope.forms import Field, attribute_boolean, expression_field, node_name, of_type, parts_choice
 from urscript.polyscope.naming import identifier
-from urscript.polyscope.nodes.waits import child_text, of_type
+from urscript.polyscope.nodes.waits import child_text
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.tree import tag_of
@@ -34,14 +34,6 @@ SUBPROGRAM: Final = Kind(
         attribute_boolean("synchronized", "Keep in sync with the file", "keepSynchronizedWithDisk"),
     ),
 )
-
-
-def _choose_type(element: Element, value: str, program: Surroundings) -> None:
-    for child in list(element.resolved().children):
-        program.set_child(element, child.tag, None)
-    program.set_attribute(element, "type", value)
-    if value == "Line":
-        program.set_child(element, "expression", make("expression"))
 
 
 def _choose_file(element: Element, value: str, program: Surroundings) -> None:
@@ -72,14 +64,7 @@ SCRIPT: Final = Kind(
     new=lambda _: make("Script", make("expression"), type="Line"),
     undefined=_script_lacks,
     fields=(
-        Field(
-            "type",
-            "Script",
-            "choice",
-            lambda element, _: element.get("type"),
-            _choose_type,
-            choices=(("Line", "Line"), ("File", "File")),
-        ),
+        parts_choice("type", "Script", "type", {"Line": "Line", "File": "File"}, {"Line": [make("expression")]}),
         expression_field("line", "Line", shown=of_type("Line")),
         Field(
             "file",
@@ -126,14 +111,9 @@ def _file_text(writer: Writer, element: Element, name: str) -> str:
 @node("SubProgram", SUBPROGRAM)
 def subprogram(writer: Writer, element: Element) -> Steps[None]:
     """A part of the program that Call nodes run; it becomes a function of the script."""
-    yield from _write_subprogram(writer, element)
-
-
-def _write_subprogram(writer: Writer, element: Element) -> Steps[None]:
-    """Write a subprogram once, even when it is called before its place in the tree."""
-    name = _declared(writer, element)
+    name = identifier(element.get("name"))
     if not writer.once(f"subprogram {name}"):
-        return
+        return  # it was called before its place in the tree
     body = yield from _body(writer, element)
     with writer.into("subprograms"), writer.block(f"def {name}():"):
         writer.label(element, element.get("name"), "noBreak")
@@ -190,12 +170,8 @@ def call(writer: Writer, element: Element) -> Steps[None]:
     if called is None:
         raise DocumentError("a Call does not name a subprogram")
     writer.label(element, f"Call {called.get('name')}")
-    writer.line(f"{_declared(writer, called)}()")
-    yield from _write_subprogram(writer, called)
-
-
-def _declared(writer: Writer, element: Element) -> str:
-    return identifier(element.get("name"))
+    writer.line(f"{identifier(called.get('name'))}()")
+    yield from subprogram(writer, called)
 
 
 def _body(writer: Writer, element: Element) -> Steps[Element]:

@@ -8,7 +8,6 @@ from urscript.polyscope.forms import Field, attribute_boolean, attribute_text, e
 from urscript.polyscope.naming import identifier
 from urscript.polyscope.nodes.waypoints import circle_move
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
-from urscript.polyscope.surroundings import Surroundings
 from urscript.polyscope.writer import Writer, expression_text, variable_name
 from urscript.work import Steps
 
@@ -64,12 +63,14 @@ COMMENT: Final = Kind(
 
 
 def _loops_field(title: str) -> Field:
-    """Whether the node restarts at its end; files store the opposite (``runOnlyOnce``)."""
-
-    def write(element: Element, value: bool, program: Surroundings) -> None:
-        program.set_attribute(element, "runOnlyOnce", "false" if value else "true")
-
-    return Field("loops", title, "boolean", lambda element, _: element.get("runOnlyOnce") != "true", write)
+    """Whether the node restarts at its end; files store the opposite."""
+    return Field(
+        "loops",
+        title,
+        "boolean",
+        lambda element, _: element.get("runOnlyOnce") != "true",
+        lambda element, value, program: program.set_attribute(element, "runOnlyOnce", "false" if value else "true"),
+    )
 
 
 ROBOT_PROGRAM: Final = Kind(

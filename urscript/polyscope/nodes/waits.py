@@ -1,12 +1,11 @@
 """Waiting."""
 
 import re
-from collections.abc import Callable
 from typing import Any, Final
 
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.expressions import expression_shown, lacks_expression
-from urscript.polyscope.forms import Field, child_number, expression_field, pin_field, titled
+from urscript.polyscope.forms import Field, child_number, expression_field, of_type, parts_choice, pin_field, titled
 from urscript.polyscope.naming import truth
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import ANALOG_INPUTS, DIGITAL_INPUTS, Surroundings
@@ -21,6 +20,12 @@ _WAITS: Final = {
     "DigitalInput": "A digital input",
     "AnalogInput": "An analog input",
     "Condition": "An expression",
+}
+_PARTS: Final = {
+    "Sleep": [make("waitTime", text="0.01")],
+    "DigitalInput": [make("digitalValue", text="1")],
+    "AnalogInput": [make("analogComparison", text="1"), make("analogValue", text="0.0")],
+    "Condition": [make("expression")],
 }
 
 
@@ -37,33 +42,10 @@ def level_field(key: str = "level", title: str = "Level", tag: str = "digitalVal
     return Field(key, title, "choice", read, write, choices=tuple(_LEVELS.items()), **more)
 
 
-def of_type(*types: str) -> Callable[[Element], bool]:
-    """Whether a node's attribute ``type`` is one of these."""
-    return lambda element: element.get("type") in types
-
-
 def pin_shown(element: Element) -> str:
     """The name of a node's pin as shown in the tree: DO[0] for digital_out[0] (seen; the same for others: a guess)."""
-    pin = element.child("pin")
-    name = (pin.get("referencedName") if pin else "") or "?"
+    name = element.named("pin") or "?"
     return _SHORT.sub(lambda match: f"{match[1][0]}{match[2][0]}[".upper(), name)
-
-
-def _choose(element: Element, value: str, program: Surroundings) -> None:
-    """Choose another type of wait, with the children that files have for it."""
-    kept = {"Sleep": ["waitTime"], "DigitalInput": ["pin", "digitalValue"], "Condition": ["expression"]}
-    kept["AnalogInput"] = ["pin", "analogComparison", "analogValue"]
-    keep = kept.get(value, [])
-    for child in list(element.resolved().children):
-        if child.tag not in keep or child.tag == "pin":
-            program.set_child(element, child.tag, None)
-    program.set_attribute(element, "type", value)
-    texts = {"waitTime": "0.01", "digitalValue": "1", "analogComparison": "1", "analogValue": "0.0"}
-    for tag in keep:
-        if tag in texts and element.child(tag) is None:
-            program.set_text(element, tag, texts[tag])
-        elif tag == "expression" and element.child(tag) is None:
-            program.set_child(element, tag, make(tag))
 
 
 def _shown(element: Element) -> str:
@@ -97,7 +79,7 @@ WAIT: Final = Kind(
     new=lambda _: make("Wait", type="NoWait"),
     undefined=_lacks,
     fields=(
-        Field("type", "Wait for", "choice", lambda e, _: e.get("type"), _choose, choices=tuple(_WAITS.items())),
+        parts_choice("type", "Wait for", "type", _WAITS, _PARTS),
         child_number("time", "Time", "waitTime", unit="s", low=0.0, shown=of_type("Sleep")),
         pin_field("input", "Input", DIGITAL_INPUTS, shown=of_type("DigitalInput")),
         level_field(shown=of_type("DigitalInput")),

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, Final
 
 from urproto.robots import RobotModel
@@ -14,8 +13,10 @@ from urscript.polyscope.forms import (
     Field,
     attribute_choice,
     attribute_number,
-    java_number,
+    in_child,
     node_name,
+    of_type,
+    own_child,
     variable_field,
 )
 from urscript.polyscope.naming import identifier
@@ -29,20 +30,21 @@ from urscript.polyscope.nodes.motion import (
     speed_fields,
 )
 from urscript.polyscope.nodes.operator import variable_shown
-from urscript.polyscope.nodes.waits import of_type
-from urscript.polyscope.numbers import inverse_text, list_text, pose_text, six, taught_pose
+from urscript.polyscope.numbers import doubles_text, inverse_text, list_text, pose_text, six, taught_pose
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
 
 _TAUGHT: Final = ("relativeFromPosition", "position", "poseInFeatureCoordinates", "outputFlangePose", "BaseToFeature")
+_TYPES: Final = {"Fixed": "Fixed position", "Relative": "Relative position", "Variable": "Variable position"}
+_MOTION: Final = "motionParameters"  # the waypoint's own speed, time or blend
 _UNKNOWN_FLAGS: Final = "-1"  # configuration of the arm at a waypoint that is not fixed
 _OWN_SPEEDS: Final = ("jointSpeed", "jointAcceleration", "cartesianSpeed", "cartesianAcceleration")
 
 
 def new_waypoint(program: Surroundings) -> Element:
     name = program.unused("Waypoint", program.names("Waypoint"))
-    return make("Waypoint", make("motionParameters"), type="Fixed", name=name, kinematicsFlags="1")
+    return make("Waypoint", make(_MOTION), type="Fixed", name=name, kinematicsFlags="1")
 
 
 def _choose_type(element: Element, value: str, program: Surroundings) -> None:
@@ -54,36 +56,15 @@ def _choose_type(element: Element, value: str, program: Surroundings) -> None:
     program.set_attribute(element, "kinematicsFlags", _UNKNOWN_FLAGS if value == "Variable" else "1")
 
 
-def _parameter(field: Field) -> Field:
-    """A field of the waypoint's own motion, which is stored in a child."""
-
-    def read(element: Element, program: Surroundings) -> Any:
-        own = element.child("motionParameters")
-        return field.read(own, program) if own is not None else None
-
-    def write(element: Element, value: Any, program: Surroundings) -> None:
-        own = element.child("motionParameters")
-        if own is None:
-            program.set_child(element, "motionParameters", make("motionParameters"))
-            own = element.child("motionParameters")
-        assert own is not None
-        field.write(own, value, program)
-
-    return replace(field, read=read, write=write)
-
-
 def _motion_read(element: Element, _: Surroundings) -> str:
-    own = element.child("motionParameters")
+    own = element.child(_MOTION)
     if own is None:
         return "shared"
     return "time" if own.get("nextMotionTime") else "speed" if own.get("jointSpeed") else "shared"
 
 
 def _motion_write(element: Element, value: str, program: Surroundings) -> None:
-    if element.child("motionParameters") is None:
-        program.set_child(element, "motionParameters", make("motionParameters"))
-    own = element.child("motionParameters")
-    assert own is not None
+    own = own_child(element, _MOTION, program)
     for name in (*_OWN_SPEEDS, "nextMotionTime"):
         program.set_attribute(own, name, None)
     if value == "speed":
@@ -96,7 +77,7 @@ def _motion_write(element: Element, value: str, program: Surroundings) -> None:
 
 def _has_motion(value: str) -> Callable[[Element], bool]:
     def shown(element: Element) -> bool:
-        own = element.child("motionParameters")
+        own = element.child(_MOTION)
         return own is not None and bool(own.get("nextMotionTime" if value == "time" else "jointSpeed"))
 
     return shown
@@ -145,14 +126,7 @@ WAYPOINT: Final = Kind(
     undefined=_waypoint_lacks,
     fields=(
         node_name(what="waypoint"),
-        Field(
-            "type",
-            "Type",
-            "choice",
-            lambda element, _: element.get("type"),
-            _choose_type,
-            choices=(("Fixed", "Fixed position"), ("Relative", "Relative position"), ("Variable", "Variable position")),
-        ),
+        attribute_choice("type", "Type", "type", _TYPES, _choose_type),
         _position_field("position", "Position", "position", "Fixed"),
         _position_field("from", "From", "relativeFromPosition", "Relative"),
         _position_field("to", "To", "position", "Relative"),
@@ -165,11 +139,16 @@ WAYPOINT: Final = Kind(
             _motion_write,
             choices=(("shared", "Shared parameters"), ("speed", "Own speed"), ("time", "Time")),
         ),
-        *map(_parameter, speed_fields("joint", "Joint", _OWN_SPEEDS[:2], _has_motion("speed"))),
-        *map(_parameter, speed_fields("tool", "Tool", _OWN_SPEEDS[2:], _has_motion("speed"))),
-        _parameter(attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=_has_motion("time"))),
-        _parameter(
-            attribute_number("blend", "Blend radius", "blendRadius", unit="mm", factor=MILLI, low=0.0, optional=True)
+        *(
+            in_child(_MOTION, field)
+            for field in (
+                *speed_fields("joint", "Joint", _OWN_SPEEDS[:2], _has_motion("speed")),
+                *speed_fields("tool", "Tool", _OWN_SPEEDS[2:], _has_motion("speed")),
+                attribute_number("time", "Time", "nextMotionTime", unit="s", low=0.0, shown=_has_motion("time")),
+                attribute_number(
+                    "blend", "Blend radius", "blendRadius", unit="mm", factor=MILLI, low=0.0, optional=True
+                ),
+            )
         ),
     ),
 )
@@ -219,16 +198,15 @@ def teach(
 def _six_text(values: Sequence[float]) -> str:
     if len(values) != 6 or not all(math.isfinite(value) for value in values):
         raise FieldError(f"expected six numbers, not {list(values)}")
-    return ", ".join(java_number(value) for value in values)
+    return doubles_text(values)
 
 
 def _taught_feature(element: Element, program: Surroundings) -> Sequence[float]:
     """Pose of the feature of the Move that contains a waypoint, in the base frame."""
     try:
-        reference = move_of(element).element.child("feature")
+        name = move_of(element).element.named("feature")
     except DocumentError:
         return ZERO6
-    name = (reference.get("referencedName") or reference.get("featureName")) if reference else ""
     return program.installation.features.get(name, ZERO6)
 
 
@@ -280,7 +258,7 @@ def waypoint(writer: Writer, element: Element) -> None:
     if not (way.kind == "MoveJ" and way.element.get("positionType") == JOINTS):  # joints need no TCP
         _set_tcp(writer, way)
     target = _target(writer, element, way)
-    own = element.child("motionParameters")
+    own = element.child(_MOTION)
     time = own.get("nextMotionTime") if own else ""
     if time and way.kind != "MoveP" and not way.optimove:
         writer.line(f"{way.call}({target}, t={time}{_blend(writer, element, way)})")
@@ -303,7 +281,7 @@ def _shown_name(element: Element) -> str:
 
 
 def _blend(writer: Writer, element: Element, way: Move) -> str:
-    own = element.child("motionParameters")
+    own = element.child(_MOTION)
     radius = own.get("blendRadius") if own else ""
     if way.kind == "MoveP":
         return f", r={_path_blend(writer, element, way, radius)}"
@@ -363,8 +341,7 @@ def _in_feature(writer: Writer, way: Move, pose: str) -> str:
 
 def _followed(writer: Writer, element: Element, way: Move, pose: str) -> str:
     """A taught pose; it follows its feature when that is a variable and has been moved."""
-    reference = way.element.child("feature")
-    name = reference.get("referencedName") or reference.get("featureName") if reference else ""
+    name = way.element.named("feature")
     taught = element.child("BaseToFeature")
     if name in ("", BASE, TOOL) or taught is None or name not in writer.installation.feature_variables:
         return pose
@@ -421,7 +398,7 @@ def circle_move(writer: Writer, element: Element) -> None:
     _set_tcp(writer, way)
     via, end = (_target(writer, point, way) for point in points)
     acceleration, speed = way.speeds(points[1])
-    own = points[1].child("motionParameters")
+    own = points[1].child(_MOTION)
     blend = _path_blend(writer, points[1], way, own.get("blendRadius") if own else "")
     mode = ", mode=1" if element.get("OrientationMode") == "FIXED" else ""
     writer.line(f"movec({via}, {end}, a={acceleration}, v={speed}, r={blend}{mode})")
