@@ -235,13 +235,13 @@ def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
     return file
 
 
-def run(work: Coroutine[Any, Any, None]) -> None:
-    """Run a coroutine. Ctrl-C and SIGTERM end it in an orderly way, with the arm at rest."""
+def run(work: Coroutine[Any, Any, None], *, interrupted: int = _INTERRUPTED) -> None:
+    """Run a coroutine. Ctrl-C and SIGTERM end it in an orderly way, with the arm at rest. interrupted: exit status."""
     try:
         asyncio.run(_until_terminated(work))
     except (KeyboardInterrupt, asyncio.CancelledError):
         typer.echo("stopped", err=True)
-        raise typer.Exit(_INTERRUPTED) from None
+        raise typer.Exit(interrupted) from None
 
 
 async def _until_terminated(work: Coroutine[Any, Any, None]) -> None:

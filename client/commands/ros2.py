@@ -1,6 +1,8 @@
 """``ur-client ros2``: the nodes of the official ROS 2 driver for a robot, on rclpy."""
 
+import asyncio
 import sys
+from enum import Enum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -21,7 +23,12 @@ if TYPE_CHECKING:
     from client.ros2.options import DriverOptions
 
 _CAMERA_HZ = 10.0
+_SIM_TIME = {"silence_s": 600.0, "keep_alive_timeout_s": 2.0}  # time may stand still, or pass ten times as fast
 _SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a command
+
+
+class _Only(str, Enum):
+    DASHBOARD_CLIENT = "dashboard_client"
 
 
 def ros2_command(
@@ -54,6 +61,13 @@ def ros2_command(
     robot_state_publisher: Annotated[
         bool, typer.Option(help="Whether there is a node robot_state_publisher; not with a description of your own.")
     ] = True,
+    use_sim_time: Annotated[
+        bool,
+        typer.Option("--use-sim-time", help="Stamp messages with the robot's time and publish it as /clock."),
+    ] = False,
+    only: Annotated[
+        _Only | None, typer.Option(help="Run only this node, for a robot that another driver moves.")
+    ] = None,
     ur_type: Annotated[str, typer.Option(help="Refuse a robot of another type than this, such as ur5e.")] = "",
     driver: Annotated[
         list[str] | None,
@@ -77,7 +91,11 @@ def ros2_command(
 
     options = DriverOptions(
         robot_ip,
-        {"robot_ports": {name: port + port_offset for name, port in ROBOT_PORTS.items()}, **settings},
+        {
+            "robot_ports": {name: port + port_offset for name, port in ROBOT_PORTS.items()},
+            **(_SIM_TIME if use_sim_time else {}),
+            **settings,
+        },
         controllers_file(controllers, tf_prefix),
         controller=controller,
         tf_prefix=tf_prefix,
@@ -86,6 +104,7 @@ def ros2_command(
         ur_type=ur_type,
         dashboard_client=dashboard_client,
         robot_state_publisher=robot_state_publisher,
+        use_sim_time=use_sim_time,
         namespace=namespace,
         domain=domain,
         cameras=tuple(cameras.names),
@@ -94,11 +113,15 @@ def ros2_command(
         ros_arguments=tuple(argument for argument in ros_arguments or () if argument != "--ros-args"),
     )
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
+    if only is not None:
+        prepare()
+        run(serve_dashboard(options), interrupted=0)
+        return
     with control_process() as link:  # starts meanwhile
         packages = prepare()
         if packages.setup_file is not None:
             typer.echo(f"to use the message packages in other programs: . {packages.setup_file}", err=True)
-        run(serve(options, link))
+        run(serve(options, link), interrupted=0)  # as nodes do, for launch
 
 
 def write_packages(messages: "MessagePackages") -> None:
@@ -125,6 +148,23 @@ def prepare() -> "MessagePackages":
 
         packages = message_packages.ensure(show)
     return packages
+
+
+async def serve_dashboard(options: "DriverOptions") -> None:
+    """Run the node dashboard_client alone until cancelled."""
+    from client.driver import DriverConfig
+    from client.ros2.dashboard import DashboardNode
+    from client.ros2.host import NodeHost, in_thread
+
+    config = DriverConfig(host=options.robot_ip, **options.driver_options)
+    async with NodeHost(
+        domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments
+    ) as host:
+        node = await in_thread(DashboardNode, host, config)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await in_thread(node.close)
 
 
 async def serve(options: "DriverOptions", link: "socket.socket") -> None:

@@ -5,7 +5,6 @@ published from the thread that receives them, and not from the event loop, where
 """
 
 import array
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -73,7 +72,7 @@ class CameraNode:
         self._topics = {camera: _publishers(self.node, ros_name(camera)) for camera in cameras}
         fixed = [frame for camera in cameras for frame in fixed_frames(camera, prefix)]
         self._static = self.node.create_publisher(interface(_FRAMES), "/tf_static", LATCHED)
-        self._static.publish(_transforms(fixed, time.time_ns()))
+        self._static.publish(_transforms(fixed, host.now_ns()))
         self._moving = self.node.create_publisher(interface(_FRAMES), "/tf", QoSProfile(depth=100))
         self._publishers_by_form: Mapping[str, Callable[[Shot, int], None]] = {
             "rgb.npy": self._rgb,
@@ -104,7 +103,7 @@ class CameraNode:
                 yield camera, "rgb.jpg"
 
     def _publish_shot(self, shot: Shot) -> None:
-        age_s, time_ns = 0.0, time.time_ns()
+        age_s, time_ns = 0.0, self._host.now_ns()
         if self._robot_time is not None:
             robot_s, time_ns = self._robot_time()
             age_s = max(0.0, robot_s - shot.time_s)

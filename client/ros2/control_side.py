@@ -52,6 +52,9 @@ STATES: Final[Any] = Reference("running.manager.hardware.states")
 LINK: Final[Any] = Reference("robot.driver.link")
 FEED: Final[Any] = Reference("robot.driver.link.feed")
 
+CLOCK: Final = "clock"
+"""Key of the messages with the robot's time [s], which come with those of each cycle if it is ROS' time."""
+
 _ANSWER_S: Final = 15.0  # above what starting the control program may take; guess
 _ACTIVE_S: Final = 2.0  # guess: once the program runs, controllers are activated within a few cycles
 _FEEDBACK_S: Final = 0.05  # action_monitor_rate is 20 Hz
@@ -109,6 +112,7 @@ class ControlSide:
         self._goals: dict[int, tuple[Any, GoalHandle | Call]] = {}
         self._numbers = count(1)
         self._times_s: deque[float] = deque(maxlen=_MAX_CYCLES)  # of the cycles since the last diagnostics
+        self._use_sim_time = False
 
     async def aclose(self) -> None:
         """Bring the arm to rest, and close everything."""
@@ -126,8 +130,8 @@ class ControlSide:
 
     # life cycle
 
-    async def start(self, options: ManagerOptions) -> RobotFacts:
-        """Connect to the robot and run its controllers, as soon as it answers.
+    async def start(self, options: ManagerOptions, use_sim_time: bool = False) -> RobotFacts:
+        """Connect to the robot and run its controllers, as soon as it answers. use_sim_time: its time is that of ROS.
 
         If the control program runs, the controller that is to move the arm is active already.
         """
@@ -141,6 +145,9 @@ class ControlSide:
             loaded = self.running.load_all()
             self.running.on_change.append(self._on_change)
             self._manager.on_cycle.append(lambda: self._times_s.append(self._manager.time_s))
+            if use_sim_time:
+                self._use_sim_time = True
+                self._manager.on_cycle.append(self._publish_time)
             self.session = Session(self.running)
             opening.push_async_callback(self.session.close)
             opening.enter_context(real_time(control.driver.config.realtime))
@@ -349,8 +356,13 @@ class ControlSide:
     # the robot
 
     def robot_time(self) -> tuple[float, int]:
-        """The current time by the robot's clock [s] and by this machine's [ns since 1970]."""
-        return self._manager.time_s, time.time_ns()
+        """The current time by the robot's clock [s] and that of ROS [ns]: the same, or this machine's since 1970."""
+        time_s = self._manager.time_s
+        return time_s, round(time_s * 1e9) if self._use_sim_time else time.time_ns()
+
+    def _publish_time(self) -> None:
+        time_s = self._manager.time_s
+        self.calls.publish(CLOCK, lambda: time_s)
 
     def configuration(self) -> tuple[float, ...]:
         """The current joint angles [rad]. Raises StaleStateError."""

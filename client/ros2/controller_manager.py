@@ -16,7 +16,7 @@ from client.controllers.session import BEST_EFFORT, STRICT, Session
 from client.errors import ClientError, ControllerError
 from client.ros2.control_side import SESSION, SIDE, ControlSide, RobotFacts
 from client.ros2.diagnostics import Diagnostics
-from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
+from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any, stamp
 from urproto.errors import URError
 
 _STATES: Final = {
@@ -236,7 +236,7 @@ class ControllerManagerNode:
         self._last_activity = found
         named = interface("controller_manager_msgs/msg/NamedLifecycleState")
         message = self._activity_type()
-        message.header.stamp = self.node.get_clock().now().to_msg()
+        stamp(message.header.stamp, self._host.now_ns())
         message.controllers = [named(name=name, state=_message(state)) for name, state in states]
         message.hardware_components = [named(name=self._facts.component, state=_message(hardware))]
         self._activity.publish(message)

@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from client.controllers.controller import LifecycleState
 from client.ros2.control_side import SIDE, ControlSide, RobotFacts
-from client.ros2.host import NodeHost
+from client.ros2.host import NodeHost, stamp
 
 _PERIOD_S: Final = 1.0  # diagnostic_updater
 _WARN_HZ: Final = (
@@ -42,7 +42,7 @@ class Diagnostics:
         message = DiagnosticArray(
             status=[self._controllers(controllers, component), self._hardware(component), self._cycle(times_s)]
         )
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        stamp(message.header.stamp, self._host.now_ns())
         self._publisher.publish(message)
 
     def _controllers(self, controllers: Values, component: str) -> DiagnosticStatus:

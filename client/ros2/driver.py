@@ -26,7 +26,7 @@ from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.dashboard import DashboardNode
 from client.ros2.host import NodeHost, RemoteController, in_thread
 from client.ros2.options import DriverOptions
-from client.ros2.publishing import Outbox
+from client.ros2.publishing import ClockPublisher, Outbox
 from client.ros2.state_helper import StateHelperNode
 from client.ros2.state_publisher import RobotStatePublisher
 from client.ros2.topics import PublishingContext
@@ -55,10 +55,16 @@ class Ros2Driver:
             options = self._options
             self.host = host = await opening.enter_async_context(
                 NodeHost(
-                    self._link, domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments
+                    self._link,
+                    domain=options.domain,
+                    namespace=options.namespace,
+                    ros_arguments=options.ros_arguments,
+                    use_sim_time=options.use_sim_time,
                 )
             )
-            await self._open_nodes(opening, host, await host.call(ControlSide.start, SIDE, options))
+            await self._open_nodes(
+                opening, host, await host.call(ControlSide.start, SIDE, options, options.use_sim_time)
+            )
             opening.callback(host.end)  # first of all, the arm comes to rest
             self._opened = opening.pop_all()
         return self
@@ -84,6 +90,8 @@ class Ros2Driver:
     async def _open_nodes(self, opening: AsyncExitStack, host: NodeHost, facts: RobotFacts) -> None:
         options, prefix, model = self._options, self._options.tf_prefix, facts.model
         scene = PublishingContext(prefix, facts.states)
+        if options.use_sim_time:
+            await self._open(opening, ClockPublisher, host)
         outbox = Outbox(host, scene)
         opening.callback(outbox.close)
         controllers = ControllerNodes(host, facts, outbox, Transforms(host, scene))

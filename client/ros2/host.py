@@ -32,7 +32,7 @@ from rclpy.validate_namespace import validate_namespace
 
 from client.controllers.controller import Controller
 from client.errors import ControllerError, Ros2Error
-from client.ros2.control_side import SIDE, ControllerFacts, ControlSide
+from client.ros2.control_side import CLOCK, SIDE, ControllerFacts, ControlSide
 from client.ros2.remote_calls import Caller, Reference
 
 Result = TypeVar("Result")
@@ -83,7 +83,7 @@ class NodeHost:
 
     link: connection to the process of the control loop; None for nodes that make no calls. domain: ROS domain, None for
     ROS_DOMAIN_ID. namespace: of all nodes, without leading and trailing slashes. ros_arguments: as after
-    ``--ros-args``. received_ns: when the messages arrived that are being passed on, by this machine's clock.
+    ``--ros-args``. use_sim_time: ROS' time is the robot's. received_ns: that of the messages that are passed on now.
     """
 
     def __init__(
@@ -93,10 +93,12 @@ class NodeHost:
         domain: int | None = None,
         namespace: str = "",
         ros_arguments: Sequence[str] = (),
+        use_sim_time: bool = False,
     ) -> None:
         self.loop = asyncio.get_running_loop()
         self.namespace = namespace
         self.received_ns = 0
+        self._use_sim_time = use_sim_time
         self._link = link
         self._caller: Caller | None = None
         self._ending = False
@@ -192,7 +194,10 @@ class NodeHost:
             self._listeners.pop(key, None)
 
     def _pass_on(self, messages: dict[Hashable, Any]) -> None:
-        self.received_ns = time.time_ns()
+        if not self._use_sim_time:
+            self.received_ns = time.time_ns()
+        elif CLOCK in messages:
+            self.received_ns = round(messages[CLOCK] * 1e9)
         for key, message in messages.items():
             with self._passing_on:
                 if (listener := self._listeners.get(key)) is not None:
@@ -222,6 +227,10 @@ class NodeHost:
         return self._caller.call(function, *args, **kwargs)
 
     # anywhere
+
+    def now_ns(self) -> int:
+        """The current time of ROS: this machine's since 1970, or that of the robot's newest state [ns]."""
+        return self.received_ns if self._use_sim_time else time.time_ns()
 
     def ending(self, node: Node) -> Any:
         """A future that a coroutine of this node can await, and whose result any thread may set."""

@@ -16,7 +16,8 @@ class DriverOptions(ManagerOptions):
     """Options as in `ur_control.launch.py`, under this project's names.
 
     namespace: of all nodes. domain: ROS domain, None for ROS_DOMAIN_ID. dashboard_client, robot_state_publisher:
-    whether there are nodes of these names. cameras: names of the cameras to publish; `client.cameras.ALL_CAMERAS` for
+    whether there are nodes of these names. use_sim_time: stamps are the robot's time, which is published as ``/clock``.
+    cameras: names of the cameras to publish; `client.cameras.ALL_CAMERAS` for
     all. camera_port: the emulator's camera port. camera_hz: images per second of each.
     """
 
@@ -25,6 +26,7 @@ class DriverOptions(ManagerOptions):
     ros_arguments: tuple[str, ...] = ()
     dashboard_client: bool = True
     robot_state_publisher: bool = True
+    use_sim_time: bool = False
     cameras: tuple[str, ...] = ()
     camera_port: int = CAMERA_PORT
     camera_hz: float = 10.0

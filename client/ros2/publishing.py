@@ -9,10 +9,11 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from client.errors import ClientError
-from client.ros2.control_side import SIDE, ControlSide
-from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, interface
+from client.ros2.control_side import CLOCK, SIDE, ControlSide
+from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, interface, stamp
 from client.ros2.topics import Publication, PublishingContext
 
+_CLOCK: Final = "rosgraph_msgs/msg/Clock"
 _POLL_S: Final = 0.05  # interval at which subscribers are counted, which costs 2 us per topic
 
 
@@ -90,6 +91,27 @@ class _Channel:
         self._scene.sec, self._scene.nanosec = divmod(time_ns, 1_000_000_000)
         if self._row.fill(self._message, message, self._scene):
             self._publisher.publish(self._message)
+
+
+class ClockPublisher:
+    """Publishes the time of ROS as ``/clock`` with each batch of messages, for ``use_sim_time`` of other nodes."""
+
+    def __init__(self, host: NodeHost) -> None:
+        self._host = host
+        self.node = host.node("robot_clock")
+        self._publisher = self.node.create_publisher(interface(_CLOCK), "/clock", SYSTEM_DEFAULT)
+        host.listen(CLOCK, self._publish)
+        host.spin(self.node)
+
+    def close(self) -> None:
+        """End the node."""
+        self._host.unlisten(CLOCK)
+        self._host.close(self.node)
+
+    def _publish(self, time_s: float) -> None:
+        message = interface(_CLOCK)()
+        stamp(message.clock, round(time_s * 1e9))
+        self._publisher.publish(message)
 
 
 def publisher(node: Node, row: Publication) -> Publisher:

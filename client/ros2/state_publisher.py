@@ -1,7 +1,5 @@
 """The node ``robot_state_publisher``: publishes the arm's description and frames."""
 
-import time
-
 from std_msgs.msg import String
 
 from client.ros2.frames import Frames
@@ -28,7 +26,7 @@ class RobotStatePublisher:
         self._description = self.node.create_publisher(String, "robot_description", LATCHED)
         self._description.publish(String(data=description))
         frames = Frames(model, prefix)
-        sec, nanosec = divmod(time.time_ns(), 1_000_000_000)
+        sec, nanosec = divmod(host.now_ns(), 1_000_000_000)
         message = interface("tf2_msgs/msg/TFMessage")(transforms=frames.fixed(sec, nanosec))
         self._static = self.node.create_publisher(type(message), "/tf_static", LATCHED)
         self._static.publish(message)

@@ -150,6 +150,7 @@ def options_of(command):
         ),
         ({"activate_joint_controller": "false"}, {("--controller", "")}),
         ({"launch_dashboard_client": "false"}, {("--no-dashboard-client",)}),
+        ({"use_sim_time": "true"}, {("--use-sim-time",)}),
         ({"tf_prefix": "left_"}, {("--tf-prefix", "left_")}),
         ({"ros_namespace": "/left"}, {("--namespace", "left")}),
         ({"reverse_ip": "10.0.0.2"}, {("--driver", "own_address=10.0.0.2")}),

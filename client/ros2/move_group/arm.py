@@ -5,7 +5,7 @@ are in the frame that the header names; in responses, in ``base_link``, the root
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import Any, Final
 
@@ -36,11 +36,12 @@ class RefusedError(ClientError):
 
 
 class Arm:
-    """An arm and its names. prefix: of joints, links and frames."""
+    """An arm and its names. prefix: of joints, links and frames. now_ns: returns the time of ROS."""
 
-    def __init__(self, model: RobotModel, prefix: str = "") -> None:
+    def __init__(self, model: RobotModel, prefix: str = "", now_ns: Callable[[], int] = time.time_ns) -> None:
         self.model = model
         self.prefix = prefix
+        self._now_ns = now_ns
         self.kinematics = kinematics_of(model)
         self.joints = tuple(prefix + name for name in JOINT_NAMES)
         self.root = f"{prefix}base_link"
@@ -141,7 +142,7 @@ class Arm:
 
     def stamp(self, header: Any, frame: str = "") -> None:
         """Set a std_msgs/Header to the current time and a frame, the root if none is given."""
-        stamp(header.stamp, time.time_ns())
+        stamp(header.stamp, self._now_ns())
         header.frame_id = frame or self.root
 
 

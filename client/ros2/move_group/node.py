@@ -40,7 +40,7 @@ class MoveGroupNode:
     def __init__(self, host: NodeHost, model: RobotModel, prefix: str = "") -> None:
         self._host = host
         self.node = node = host.node(NAME)
-        self._arm = Arm(model, prefix)
+        self._arm = Arm(model, prefix, host.now_ns)
         self._monitor = Monitor(self._arm, host)
         self._execution = Execution(host)
         semantic = srdf(self._arm)

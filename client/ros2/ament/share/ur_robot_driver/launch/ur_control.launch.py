@@ -31,6 +31,7 @@ ARGUMENTS = {
     "controllers_file": ("ur_controllers.yaml", "The controllers: a path, or a file of runtime_config_package."),
     "runtime_config_package": ("ur_robot_driver", "Package whose folder config has the controllers file."),
     "description_launchfile": ("", "Launch file that publishes the robot's description instead of the driver."),
+    "use_sim_time": ("false", "Stamp messages with the robot's time, and publish it as /clock."),
     "tf_prefix": ("", "Prefix of the names of joints, frames and interfaces."),
     "use_mock_hardware": ("false", "Start an emulator of ur_type, with its brakes released, and use it."),
     "use_fake_hardware": ("false", "The same, as in Humble."),
@@ -127,6 +128,8 @@ def start(context):
     command = [tool("ur_client"), "ros2", "--robot-ip", robot_ip, "--tf-prefix", given["tf_prefix"]]
     command += ["--controllers", substituted(str(controllers), context)]
     command += ["--headless" if flag("headless_mode") else "--no-headless"]
+    if flag("use_sim_time"):
+        command += ["--use-sim-time"]
     if flag("verify_robot_model"):
         command += ["--ur-type", given["ur_type"]]
     if not flag("activate_joint_controller"):
