@@ -103,12 +103,12 @@ def under_load(seconds: float = LOADED_S) -> Table:
         f"Controllers of an emulated UR5e at 500 Hz, for {seconds:g} s next to {_BUSY} processes that compute without "
         "a pause. Requirement: no control program is lost."
     )
-    columns = ["process", "lost control programs", "late setpoints", "cost", "start to ready, without load"]
+    columns = ["process", "lost control programs", "late setpoints", "cost", "start to ready"]
     return Table("ROS 2 driver under load", about, columns, rows)
 
 
 def _loaded(words: list[str], seconds: float) -> tuple[str, float, float]:
-    """What a process logs under load, its cost, and the time until it was ready before [s]."""
+    """What a process logs under load, its cost, and the time until it was ready [s]."""
     environment = {**os.environ, "ROS_DOMAIN_ID": _DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     with ExitStack() as running:
         log = Path(running.enter_context(tempfile.TemporaryDirectory())) / "log"

@@ -51,6 +51,7 @@ MEASUREMENTS: Final = (
     "planning.measure",
     "ros2_driver.measure",
     "ros2_driver.latency",
+    "ros2_driver.under_load",
     "tick_rate.measure",
     "tick_rate.measure_dynamics",
     "physics.measure",

@@ -200,8 +200,12 @@ class NodeHost:
             self.received_ns = round(messages[CLOCK] * 1e9)
         for key, message in messages.items():
             with self._passing_on:
-                if (listener := self._listeners.get(key)) is not None:
+                if (listener := self._listeners.get(key)) is None:
+                    continue
+                try:
                     listener(message)
+                except Exception:  # the others, and the answers to calls, must go on
+                    _logger.exception("a message of the control loop was not published: %s", key)
 
     # from the threads of nodes
 

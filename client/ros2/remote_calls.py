@@ -77,7 +77,7 @@ def _with_header(number: int, data: bytes) -> bytes:
 class Caller:
     """Calls functions in the other process, from any thread; a thread receives answers and messages.
 
-    on_messages: called in that thread with all messages that arrive together, by key; it must not wait for a call.
+    on_messages: called in that thread with all messages that arrive together, by key; must not raise or wait for calls.
     on_end: called in that thread when the other process has closed the connection, before calls fail.
     """
 
@@ -147,10 +147,7 @@ class Caller:
 
     def _take(self, number: int, content: Any) -> None:
         if number == _MESSAGES:
-            try:
-                self._on_messages(content)
-            except Exception:  # of one message: the others and the answers must go on
-                _logger.exception("messages of the control loop were not published")
+            self._on_messages(content)
             return
         future = self._pending.pop(number, None)
         if future is None or not future.set_running_or_notify_cancel():
