@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 from driver_rig import driver_options, emulator
-from ros2_requests import SUCCEEDED, follow, q
+from ros2_requests import SUCCEEDED, follow, shifted
 from ros2_rig import SCALED, laboratory
 
 pytestmark = [pytest.mark.xdist_group("ros2")]
@@ -17,7 +17,10 @@ def seconds(stamp: dict[str, int]) -> float:
 
 
 async def test_the_robots_time_is_that_of_ros() -> None:
-    async with emulator("ur3", speed=SPEED) as robot, laboratory(robot, driver_options(robot), use_sim_time=True) as lab:
+    async with (
+        emulator("ur3", speed=SPEED) as robot,
+        laboratory(robot, driver_options(robot), use_sim_time=True) as lab,
+    ):
         now_s = robot.controller.time_s
         clock = await lab.peer.echo("/clock", "rosgraph_msgs/msg/Clock", new=True)
         joints = await lab.peer.echo("/joint_states", "sensor_msgs/msg/JointState", new=True)
@@ -27,7 +30,7 @@ async def test_the_robots_time_is_that_of_ros() -> None:
         assert stamps[-1] <= robot.controller.time_s
 
         began_s = seconds((await lab.peer.echo("/clock", "rosgraph_msgs/msg/Clock", new=True))["clock"])
-        ended = await follow(lab.peer, SCALED, q(shoulder_pan=0.3), 2.0)
+        ended = await follow(lab, SCALED, shifted(0.3), 2.0)
         assert ended["status"] == SUCCEEDED
         assert seconds((await lab.peer.echo("/clock", "rosgraph_msgs/msg/Clock", new=True))["clock"]) >= began_s + 2.0
 
