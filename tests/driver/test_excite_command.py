@@ -45,7 +45,7 @@ def test_what_it_records_is_enough_to_identify_the_arm(emulator, tmp_path: Path)
 
 
 def test_a_real_arm_does_not_move_unasked(emulator, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(record, "_on_this_machine", lambda address: False)
+    monkeypatch.setattr(record, "is_loopback", lambda address: False)
     result = call("excite", "-o", str(tmp_path / "run.npz"), "--robot-ip", emulator.host)
     assert isinstance(result.exception, ClientError)
     assert "Is the path clear?" in str(result.exception)
