@@ -12,17 +12,21 @@ from rich.progress import BarColumn, Progress, TextColumn
 from client.commands.cameras import CameraNames, CameraOptions, CameraPort, CameraRate
 from client.commands.control import ControllersOption, Headless, InitialController, MakeReady, controllers_file, run
 from client.commands.following import PortOffset, RobotIP
+from client.dashboard import DashboardClient
 from client.driver.config import ROBOT_PORTS, read_settings
 from client.errors import Ros2Error
+from urproto.errors import URError
 from urproto.ports import CAMERA_PORT
 
 if TYPE_CHECKING:
     import socket
 
+    from client.driver import DriverConfig
     from client.ros2.message_packages import MessagePackages
     from client.ros2.options import DriverOptions
 
 _CAMERA_HZ = 10.0
+_RETRY_S = 0.5  # between attempts to reach a dashboard (guess)
 _SIM_TIME = {"silence_s": 600.0, "keep_alive_timeout_s": 2.0}  # time may stand still, or pass ten times as fast
 _SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a command
 
@@ -151,12 +155,17 @@ def prepare() -> "MessagePackages":
 
 
 async def serve_dashboard(options: "DriverOptions") -> None:
-    """Run the node dashboard_client alone until cancelled."""
+    """Run the node dashboard_client alone until cancelled. Its services appear when the robot answers, as officially.
+
+    Without the parameter ``autoconnect`` they appear immediately, and ``~/connect`` connects.
+    """
     from client.driver import DriverConfig
     from client.ros2.dashboard import DashboardNode
     from client.ros2.host import NodeHost, in_thread
 
     config = DriverConfig(host=options.robot_ip, **options.driver_options)
+    if "autoconnect:=false" not in options.ros_arguments:
+        await _dashboard_answers(config)
     async with NodeHost(
         domain=options.domain, namespace=options.namespace, ros_arguments=options.ros_arguments
     ) as host:
@@ -165,6 +174,20 @@ async def serve_dashboard(options: "DriverOptions") -> None:
             await asyncio.Event().wait()
         finally:
             await in_thread(node.close)
+
+
+async def _dashboard_answers(config: "DriverConfig") -> None:
+    """Wait until the dashboard, or the Robot API of PolyScope X, can be connected to."""
+    said, ports = False, config.robot_ports
+    while True:
+        try:
+            async with DashboardClient(config.host, ports["dashboard"], robot_api_port=ports["robot api"]):
+                return
+        except URError as error:
+            if not said:
+                typer.echo(f"{error}; trying again", err=True)
+            said = True
+            await asyncio.sleep(_RETRY_S)
 
 
 async def serve(options: "DriverOptions", link: "socket.socket") -> None:
