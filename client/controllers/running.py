@@ -24,6 +24,7 @@ from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, ConnectionLostError, ControllerError, NoAnswerError, RobotUnreachableError
 from client.recording import DEFAULT_FIELDS
 from urproto.errors import RobotRefused
+from urproto.robots import load_model
 
 _RETRY_S: Final = 1.0  # between attempts to reach the robot; guess
 _LOG_INTERVAL_S: Final = 10.0  # interval of log messages while it is unreachable; guess
@@ -96,13 +97,19 @@ async def reached(options: ManagerOptions) -> AsyncIterator[RobotControl]:
 
 
 def _check_type(control: RobotControl, wanted: str) -> None:
+    """A UR7e reports itself as a UR5e, and a UR12e as a UR10e: with them, either name is accepted, as officially."""
     arm = control.driver.link.configuration
-    model = model_of(arm) if arm else None
-    if wanted and model is None:
-        _logger.warning("the type of the arm is unknown: it may be another than %s", wanted)
-    elif wanted and model is not None and model.name != wanted:
+    if not wanted:
+        return
+    if arm is None:
+        _logger.warning("the robot does not report its type: it may be another than %s", wanted)
+        return
+    model = load_model(wanted)
+    if (model.robot_type, model.sub_type) != (arm.robot_type, arm.sub_type):
+        found = model_of(arm)
+        what = f"a {found.title}" if found else f"an arm of type {arm.robot_type}.{arm.sub_type}"
         advice = "give the type of the arm, or verify_robot_model:=false in a launch file"
-        raise RobotRefused("driver", f"it is a {model.title}, not a {wanted}", advice)
+        raise RobotRefused("driver", f"it is {what}, not a {model.title}", advice)
 
 
 class Change(Enum):
