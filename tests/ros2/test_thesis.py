@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from ros2_rig import free_domain
 
-from urproto.entry import INTERRUPTED
 from urproto.testing.process import EmulatorProcess
 
 ROOT = Path(__file__).parents[2]
@@ -50,7 +49,7 @@ def test_a_student_gets_along_by_ros(tmp_path: Path) -> None:
             finally:
                 driver.send_signal(signal.SIGINT)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert driver.returncode == INTERRUPTED
+    assert driver.returncode == 0  # like a node, for launch
     assert "goal 4 of 4 is reached" in done.stdout
     result = re.search(r"(\d+) states .* by ([0-9.]+) rad", done.stdout)
     assert result is not None, done.stdout
