@@ -243,7 +243,7 @@ KINDS: Final = (
     Kind("arm.urdf", lambda path: run_cli("describe", "ur5e", "-o", str(path)), ends(b"</robot>")),
     Kind("job.urp", lambda path: run_cli("program", "new", str(path), "--force"), is_xml),
     Kind("a.installation", lambda path: run_cli("installation", "new", str(path), "--force"), is_xml),
-    Kind("poses.json", lambda path: Poses(path)._change("ur5e", {"here": ANGLES}), is_json),
+    Kind("poses.json", lambda path: Poses(path)._replace("ur5e", {"here": ANGLES}), is_json),
     Kind("robot.json", lambda path: ProgramFile(path.parent, "robot").write(DRAFT), is_json),
     Kind("results.parquet", lambda path: campaign(path, write_parquet), two_rows, OF_COMMANDS),
     Kind(
