@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _CAMERA_HZ = 10.0
 _RETRY_S = 0.5  # between attempts to reach a dashboard (guess)
-_SIM_TIME = {"silence_s": 600.0, "keep_alive_timeout_s": 2.0}  # time may stand still, or pass ten times as fast
+_SIM_TIME = {"silence_s": 600.0, "keep_alive_timeout_s": 2.0}  # guess: time may stand still, or pass ten times as fast
 _SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a command
 
 

@@ -234,10 +234,8 @@ def _get_programs(api: BlockingRobotAPIClient, request: Any) -> tuple[str, Mappi
 
 def _upload(api: BlockingRobotAPIClient, request: Any, *, replaces: bool) -> tuple[str, Mapping[str, Any]]:
     path = Path(request.file_path)
-    try:
+    with FileError.accessing(path):
         file = path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise FileError(path, getattr(error, "strerror", None) or str(error)) from error
     name = api.request(robotapi.upload(file, replace=replaces))
     return f"{name} is {'replaced' if replaces else 'stored'}", {"program_name": name}
 
@@ -245,10 +243,8 @@ def _upload(api: BlockingRobotAPIClient, request: Any, *, replaces: bool) -> tup
 def _download(api: BlockingRobotAPIClient, request: Any) -> tuple[str, Mapping[str, Any]]:
     path = Path(request.target_path)
     file = api.request(robotapi.download(request.program_name))
-    try:
+    with FileError.accessing(path):
         write_file(path, file)
-    except (OSError, ValueError) as error:
-        raise FileError(path, getattr(error, "strerror", None) or str(error)) from error
     return f"{request.program_name} is saved as {path}", {}
 
 

@@ -36,7 +36,7 @@ _PACKAGE_XML: Final = """<?xml version="1.0"?>
   <version>{version}</version>
   <description>Launch files that start the driver of ur-emulator's client.</description>
   <maintainer email="nobody@example.org">ur-emulator</maintainer>
-  <license>see ur-emulator</license>
+  <license>Apache-2.0</license>
 </package>
 """
 _ONE_TYPE: Final = '''"""ur_control.launch.py for a {name}; it takes all of its arguments."""

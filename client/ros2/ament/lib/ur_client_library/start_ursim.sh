@@ -23,7 +23,7 @@ done
 set -- --model "$model" --host "$address"
 case $model-$version in
     ur3-latest | ur5-latest | ur10-latest) ;;
-    *-latest) set -- "$@" --polyscope 5.25.1 ;; # which has every function of this script's users
+    *-latest) set -- "$@" --polyscope 5.25.1 ;; # the official driver's tests of the friction model need it
     *) set -- "$@" --polyscope "$version" ;;
 esac
 [ -z "$programs" ] || set -- "$@" --programs "$programs"
