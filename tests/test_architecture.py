@@ -75,6 +75,7 @@ THIRD_PARTY = {
         "urproto.robots.pinocchio_dynamics",
         "emulator.world.links",
         "client.cameras",
+        "client.controllers.servo",
         "client.pendant.cameras",
         "client.recording",
         "client.ros2.message_builder",

@@ -32,6 +32,7 @@ from client.controllers.manager import ControllerManager
 from client.controllers.passthrough import PassthroughTrajectoryController
 from client.controllers.running import Change, ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
+from client.controllers.servo import Servo
 from client.controllers.session import Session
 from client.driver import DriverConfig
 from client.driver.scheduling import real_time
@@ -51,9 +52,12 @@ SESSION: Final[Any] = Reference("session")
 STATES: Final[Any] = Reference("running.manager.hardware.states")
 LINK: Final[Any] = Reference("robot.driver.link")
 FEED: Final[Any] = Reference("robot.driver.link.feed")
+SERVO: Final[Any] = Reference("servo")
 
 CLOCK: Final = "clock"
 """Key of the messages with the robot's time [s], which come with those of each cycle if it is ROS' time."""
+SERVO_STATUS: Final = "servo status"
+"""Key of the messages with the status of `ControlSide.servo` when it changes."""
 
 _ANSWER_S: Final = 15.0  # above what starting the control program may take; guess
 _ACTIVE_S: Final = 2.0  # guess: once the program runs, controllers are activated within a few cycles
@@ -105,6 +109,7 @@ class ControlSide:
         self.robot: AsyncRobot
         self.running: RunningManager
         self.session: Session
+        self.servo: Servo | None = None  # of an arm whose model is known
         self._opened = AsyncExitStack()
         self._changes: asyncio.Queue[Any] = asyncio.Queue()
         self._change_done: asyncio.Future[None] | None = None
@@ -148,6 +153,8 @@ class ControlSide:
             if use_sim_time:
                 self._use_sim_time = True
                 self._manager.on_cycle.append(self._publish_time)
+            if model is not None:
+                self._start_servo(model, options.tf_prefix)
             self.session = Session(self.running)
             opening.push_async_callback(self.session.close)
             opening.enter_context(real_time(control.driver.config.realtime))
@@ -167,6 +174,11 @@ class ControlSide:
             self.running.component.name,
             tuple(map(ControllerFacts.of, loaded)),
         )
+
+    def _start_servo(self, model: RobotModel, prefix: str) -> None:
+        self.servo = Servo(self._manager, model, prefix)
+        self.servo.on_status.append(lambda status: self.calls.publish(SERVO_STATUS, lambda: status))
+        self._manager.on_cycle.append(self.servo.update)
 
     async def _wait_active(self, name: str) -> None:
         controller = self._manager.controller(name)

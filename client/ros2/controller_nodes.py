@@ -1,12 +1,12 @@
 """A node for each loaded controller, with its parameters, topics, services and actions."""
 
 import logging
-import time
-from typing import Any, Final
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from client.controllers.controller import Controller
 from client.controllers.running import Change
 from client.errors import ClientError
 from client.ros2 import parameters, services
@@ -14,11 +14,9 @@ from client.ros2.actions import serve_actions
 from client.ros2.control_side import SIDE, ControllerFacts, ControlSide, RobotFacts
 from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, in_thread, interface_if_any
 from client.ros2.publishing import Outbox, publisher
+from client.ros2.refusals import RefusalLog
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, CommandContext, Subscription
 from client.ros2.transforms import Transforms
-from urproto.log_throttle import LogThrottle
-
-_QUIET_S: Final = 1.0  # before the same error is logged again; guess
 
 _logger = logging.getLogger(__name__)
 
@@ -75,7 +73,12 @@ class ControllerNode:
         self._host = host
         self._outbox = outbox
         self.node: Node = host.node(controller.name)
-        parameters.declare(self.node, controller)
+        parameters.declare(
+            self.node,
+            controller.parameters,
+            lambda changed: controller.do(Controller.reconfigure, changed),
+            owner=controller.name,
+        )
         rows = [row for row in PUBLICATIONS if issubclass(controller.kind, row.controller)]
         publishers = [publisher(self.node, row) for row in rows]
         self._keys = [outbox.add(controller, to, row) for row, to in zip(rows, publishers, strict=True)]
@@ -98,11 +101,9 @@ class _Listener:
 
     def __init__(self, host: NodeHost, node: Node, controller: RemoteController, row: Subscription) -> None:
         self._host = host
-        self._node = node
         self._controller = controller
         self._row = row
-        self._reason = ""  # why the last one was refused
-        self._throttle = LogThrottle(time.monotonic, _QUIET_S)
+        self._refused = RefusalLog(node, row.name)
         if (kind := interface_if_any(row.type)) is not None:
             node.create_subscription(kind, row.name, self._on_message, LATCHED if row.latched else SYSTEM_DEFAULT)
 
@@ -111,10 +112,4 @@ class _Listener:
             command = self._row.command(message, CommandContext(self._host))
             self._host.do(ControlSide.deliver, SIDE, self._controller.reference, self._row.hand_over, command)
         except ClientError as error:
-            self._log_refusal(str(error))
-
-    def _log_refusal(self, text: str) -> None:
-        if text != self._reason:
-            self._reason, self._throttle = text, LogThrottle(time.monotonic, _QUIET_S)
-        if (more := self._throttle.due()) is not None:
-            self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: message refused: {text}{more}")
+            self._refused.add(str(error))

@@ -94,7 +94,8 @@ class Ros2Driver:
             await self._open(opening, ClockPublisher, host)
         outbox = Outbox(host, scene)
         opening.callback(outbox.close)
-        controllers = ControllerNodes(host, facts, outbox, Transforms(host, scene))
+        transforms = Transforms(host, scene)
+        controllers = ControllerNodes(host, facts, outbox, transforms)
         opening.push_async_callback(in_thread, controllers.close_all)
         for controller in sorted(facts.controllers, key=_is_inactive):
             await in_thread(controllers.open, controller)
@@ -116,9 +117,14 @@ class Ros2Driver:
         follows = options.initial_controller or trajectory_controller(facts.types)
         await self._open(opening, TrajectoryUntilNode, host, follows)
         if model is not None and can_plan():
+            from client.ros2.move_group.arm import Arm
+            from client.ros2.move_group.monitor import Monitor
             from client.ros2.move_group.node import MoveGroupNode
+            from client.ros2.servo import ServoNode
 
-            await self._open(opening, MoveGroupNode, host, model, prefix)
+            monitor = Monitor(Arm(model, prefix, host.now_ns), host)
+            await self._open(opening, ServoNode, host, monitor, transforms)
+            await self._open(opening, MoveGroupNode, host, monitor)
 
     async def _open(self, opening: AsyncExitStack, kind: Callable[..., Any], *arguments: Any) -> None:
         node = await in_thread(kind, *arguments)
@@ -143,5 +149,5 @@ def can_plan() -> bool:
     """Whether the extra ``plan`` is installed; logs a warning if not."""
     if importlib.util.find_spec("ompl") is not None:
         return True
-    _logger.warning("no move_group, because OMPL is missing: %s", how_to_install("plan"))
+    _logger.warning("no move_group and no servo_node, because OMPL is missing: %s", how_to_install("plan"))
     return False

@@ -14,9 +14,11 @@ RATE_HZ = 100.0
 class Joints:
     """Hardware that is where it was sent one cycle before; stuck joints stay where they are."""
 
-    def __init__(self):
-        self.states = Interfaces([*_names("position"), *_names("velocity"), SCALING])
-        self.commands = Interfaces([*_names("position"), *_names("velocity"), "io/lamp"])
+    def __init__(self, names=JOINTS):
+        self.names = names
+        moved = [f"{joint}/{kind}" for kind in ("position", "velocity") for joint in names]
+        self.states = Interfaces([*moved, SCALING])
+        self.commands = Interfaces([*moved, "io/lamp"])
         self.states.fill(0.0)
         self.states[SCALING] = 1.0
         self.failure = None
@@ -27,7 +29,7 @@ class Joints:
         self.period_s = 0.0
 
     def read(self, state, period_s):
-        for joint in JOINTS:
+        for joint in self.names:
             place, speed = f"{joint}/position", f"{joint}/velocity"
             before, wanted, rate = self.states[place], self.commands[place], self.commands[speed]
             if joint in self.stuck:
@@ -52,10 +54,6 @@ class Joints:
     def take_halt(self):
         halt, self.halt = self.halt, None
         return halt
-
-
-def _names(kind):
-    return [f"{joint}/{kind}" for joint in JOINTS]
 
 
 class Bench:

@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from client.errors import PlanningError
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction, SequenceAction
-from client.ros2.move_group.arm import Arm, RefusedError
+from client.ros2.move_group.arm import RefusedError
 from client.ros2.move_group.drawing import MarkerPublisher
 from client.ros2.move_group.execution import Execution
 from client.ros2.move_group.monitor import Monitor
@@ -20,7 +20,6 @@ from client.ros2.move_group.plans import PLANS
 from client.ros2.move_group.requests import PlanResult
 from client.ros2.move_group.services import SERVICES, PlanningService, RequestContext, answer_request, set_response_code
 from client.ros2.move_group.srdf import srdf
-from urproto.robots import RobotModel
 from urproto.robots.description import urdf
 
 NAME: Final = "move_group"
@@ -37,15 +36,15 @@ _CHANGING: Final = (
 class MoveGroupNode:
     """The node; it spins from its construction until `close`."""
 
-    def __init__(self, host: NodeHost, model: RobotModel, prefix: str = "") -> None:
+    def __init__(self, host: NodeHost, monitor: Monitor) -> None:
         self._host = host
         self.node = node = host.node(NAME)
-        self._arm = Arm(model, prefix, host.now_ns)
-        self._monitor = Monitor(self._arm, host)
+        self._monitor = monitor
+        self._arm = arm = monitor.arm
         self._execution = Execution(host)
         semantic = srdf(self._arm)
         fixed = ParameterDescriptor(read_only=True)
-        node.declare_parameter("robot_description", urdf(model, prefix=prefix), fixed)
+        node.declare_parameter("robot_description", urdf(arm.model, prefix=arm.prefix), fixed)
         node.declare_parameter("robot_description_semantic", semantic, fixed)
         self._semantic = node.create_publisher(String, "robot_description_semantic", LATCHED)
         self._semantic.publish(String(data=semantic))

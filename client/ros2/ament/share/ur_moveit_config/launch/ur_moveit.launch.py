@@ -10,7 +10,7 @@ from launch_ros.actions import Node
 ARGUMENTS = {
     "ur_type": ("", "The arm.", "move_group has the model of the driver's robot"),
     "launch_rviz": ("true", "Start RViz, if it is installed.", ""),
-    "launch_servo": ("false", "Start MoveIt Servo.", "there is no Servo here: stream to forward_velocity_controller"),
+    "launch_servo": ("false", "Start MoveIt Servo; here, it always runs in the driver's process.", ""),
     "use_sim_time": ("false", "Use the topic /clock.", "give it to ur_control.launch.py, which starts move_group"),
     "warehouse_sqlite_path": ("", "Database of scenes.", "there is no warehouse here"),
     "publish_robot_description_semantic": ("true", "Publish the SRDF.", "move_group always publishes it"),
