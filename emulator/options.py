@@ -77,7 +77,7 @@ class ControllerOptions:
             "boot); arm: what a real arm does. How the arm moves is --arm.",
         ),
     ] = Personality.URSIM
-    seed: Annotated[int, typer.Option(help="Seed of a dynamic arm's measurement noise.")] = 0
+    seed: Annotated[int, typer.Option(help="Seed of random(), and of a dynamic arm's noise.")] = 0
     encoder0_speed: Annotated[float, typer.Option(help="Speed of the conveyor at encoder 0, in ticks per second.")] = (
         0.0
     )

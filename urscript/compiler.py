@@ -6,11 +6,12 @@ is yielded in advance, and long functions are divided.
 """
 
 import ast
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from types import CodeType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from urproto.facts import availability
 from urproto.versions import Availability, PolyscopeVersion
@@ -36,8 +37,8 @@ RESIZABLE_LISTS = availability("list.resizable")
 
 _CACHE_SIZE = 64  # programs
 _CACHE_CHARACTERS = 4_000_000  # of all source texts together: compiled programs are some twenty times as large
-_FUNCTION_WORK = 60  # of Python's compiler, per function
 _RELEASE_WORK = 5  # to free a function that is not compiled, without its statements
+_FUNCTION_WORK = 60  # of Python's compiler, per function
 _SLICE = 20  # functions freed at a time
 _MAX_HINTS = 5  # unknown names for which a similar one is searched when all errors are collected
 _STARTING_WORK = 10  # to create the namespace of a run, which follows immediately, without its contents
@@ -59,6 +60,7 @@ class CompiledProgram:
     functions: Mapping[str, FunctionPlan]  # how they are called
     libraries: LibrarySet
     version: PolyscopeVersion
+    prices: Sequence[int] = ()  # work of each step that compiling it took
 
     @property
     def list_methods(self) -> bool:
@@ -66,8 +68,39 @@ class CompiledProgram:
         return RESIZABLE_LISTS.covers(self.version)
 
 
-_Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
-_cache: dict[_Key, CompiledProgram] = {}  # least recently used first
+Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
+"""Identifies a program: text, libraries, version, whether it is stepped."""
+
+
+class CompiledPrograms:
+    """Programs by their keys: as many as there is room for; the least recently used ones are removed first."""
+
+    def __init__(self) -> None:
+        self._programs: dict[Key, CompiledProgram] = {}
+        self._characters = 0
+
+    def get(self, key: Key) -> CompiledProgram | None:
+        """The program; None if it is not there, or was removed."""
+        program = self._programs.pop(key, None)
+        if program is not None:
+            self._programs[key] = program
+        return program
+
+    def add(self, key: Key, program: CompiledProgram) -> list[CompiledProgram]:
+        """Add a program; returns those that were removed to make room for it."""
+        removed = []
+        if self._programs.pop(key, None) is None:
+            self._characters += len(key[0])
+        while self._programs and (len(self._programs) >= _CACHE_SIZE or self._characters > _CACHE_CHARACTERS):
+            oldest = next(iter(self._programs))
+            self._characters -= len(oldest[0])
+            removed.append(self._programs.pop(oldest))
+        self._programs[key] = program
+        return removed
+
+
+_cache = CompiledPrograms()  # of all robots of this process: it saves work, but none of a robot's time
+_discarded: list[Any] = []  # contents of programs, to be freed in slices
 
 
 def compile_script(
@@ -81,42 +114,38 @@ def compile_script(
     return run_to_end(compile_steps(text, libraries, version, stepped=stepped))
 
 
-def _cached(key: _Key) -> CompiledProgram | None:
-    """The program of a text that was compiled before; drivers send the same text again and again."""
-    program = _cache.pop(key, None)
-    if program is not None:
-        _cache[key] = program
-    return program
-
-
 def compile_steps(
     text: str, libraries: LibrarySet, version: PolyscopeVersion, *, stepped: bool = False
 ) -> Steps[CompiledProgram]:
-    """Like `compile_script`, in steps; a text that was compiled before takes none."""
+    """Like `compile_script`, in steps, which are the same for a text that this process has compiled before.
+
+    A robot's time, which these steps take, must not depend on what other robots of its process have done.
+    """
     key = (text, libraries, version, stepped)
-    program = _cached(key)
-    if program is None:
-        program = yield from _compile(text, libraries, version, stepped)
-        yield from _make_room(len(text))
-        _cache[key] = program
+    program = _cache.get(key)
+    if program is not None:
+        yield from program.prices
+        return program
+    prices = array("L")
+    with closing(_compile(text, libraries, version, stepped)) as steps:
+        while True:
+            try:
+                price = next(steps)
+            except StopIteration as end:
+                compiled: CompiledProgram = end.value
+                program = replace(compiled, prices=prices)
+                break
+            prices.append(price)
+            del _discarded[-_SLICE:]
+            yield price
+    let_go(_cache.add(key, program))
     return program
 
 
-def _make_room(needed: int) -> Steps[None]:
-    """Remove the least recently used programs until there is room for another one with this many characters."""
-    characters = needed + sum(len(text) for text, *_ in _cache)
-    while _cache and (len(_cache) >= _CACHE_SIZE or characters > _CACHE_CHARACTERS):
-        oldest = next(iter(_cache))
-        characters -= len(oldest[0])
-        program = _cache.pop(oldest)
-        code, labels, plans = list(program.code), list(program.labels), list(program.functions.values())
-        del program  # the program itself is freed with its last run; the contents of these lists are freed in steps
-        yield _RELEASE_WORK
-        while code:
-            del code[-_SLICE:]
-            yield _SLICE * _RELEASE_WORK
-        yield from release(labels)
-        yield from release(plans)
+def let_go(programs: Iterable[CompiledProgram]) -> None:
+    """Let go of programs; unless others use them, they are freed in slices while further programs are compiled."""
+    for program in programs:
+        _discarded.extend((*program.functions.values(), *program.labels, *program.code))
 
 
 def find_problems(

@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from random import Random
 from typing import Final, Protocol, TypeAlias, TypeVar
 
 from emulator.machine import Machine
@@ -83,6 +84,8 @@ class ProgramServices(Protocol):
     """pause_on_error_code: code and argument, None for any."""
     high_holding_torque: bool
     jerk_gain_scaling: float
+    chance: Random
+    """Of ``random()``."""
     motion_version: int
 
     @property

@@ -15,6 +15,12 @@ LIBRARY = Library("state", host=True)
 
 
 @LIBRARY.builtin()
+def random(host: ProgramHost) -> float:
+    """A number from 0 to 1, 1 not included; the same ones from each robot with the same seed."""
+    return host.programs.chance.random()
+
+
+@LIBRARY.builtin()
 def get_actual_joint_positions(host: ProgramHost) -> list[float]:
     """Measured joint angles [rad]."""
     return list(host.actual_q)

@@ -8,7 +8,7 @@ from emulator.builtins import LIBRARIES
 from emulator.workshare import Job, WorkShare, gc_paused
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
-from urscript.compiler import CompiledProgram, compile_steps
+from urscript.compiler import CompiledProgram, CompiledPrograms, compile_steps, let_go
 from urscript.errors import CompileError
 from urscript.parser import is_secondary
 from urscript.polyscope.tree import TreeError
@@ -45,10 +45,27 @@ class Submission:
         return not is_secondary(self.text)
 
 
+class CompiledTexts:
+    """What a robot has compiled: the same text takes it no time again, as drivers send it again and again."""
+
+    def __init__(self) -> None:
+        self._programs = CompiledPrograms()
+
+    def compile(self, text: str, version: PolyscopeVersion, *, stepped: bool = False) -> Steps[CompiledProgram]:
+        """Compile a program for this robot, in steps. Raises CompileError."""
+        key = (text, LIBRARY_SET, version, stepped)
+        program = self._programs.get(key)
+        if program is None:
+            program = yield from compile_steps(*key[:3], stepped=stepped)
+            let_go(self._programs.add(key, program))
+        return program
+
+
 class Compiling:
-    """Queue of submissions to be compiled, in order."""
+    """Queue of submissions to be compiled, in order. texts: what this robot has compiled."""
 
     def __init__(self, share: WorkShare) -> None:
+        self.texts = CompiledTexts()
         self._share = share
         self._waiting: deque[Submission] = deque()
         self._job: Job[CompiledProgram] | None = None  # compiles the first waiting submission
@@ -91,7 +108,7 @@ class Compiling:
             return None
         submission = self._waiting[0]
         if self._job is None:
-            self._job = Job(_work(submission))
+            self._job = Job(self._work(submission))
         try:
             if not self._share.work(self._job):
                 return None
@@ -103,16 +120,11 @@ class Compiling:
         self._job = None
         return self._waiting.popleft()
 
-
-def _work(submission: Submission) -> Steps[CompiledProgram]:
-    with gc_paused():
-        program = yield from _compile(submission)
-    if len(program.global_names) > _MANY_VARIABLES:
-        yield len(program.global_names)  # a start allocates each of them: not in the collector's period
-    return program
-
-
-def _compile(submission: Submission) -> Steps[CompiledProgram]:
-    if submission.translation is not None:
-        submission.text = yield from submission.translation
-    return (yield from compile_steps(submission.text, LIBRARY_SET, submission.version, stepped=submission.stepped))
+    def _work(self, submission: Submission) -> Steps[CompiledProgram]:
+        with gc_paused():
+            if submission.translation is not None:
+                submission.text = yield from submission.translation
+            program = yield from self.texts.compile(submission.text, submission.version, stepped=submission.stepped)
+        if len(program.global_names) > _MANY_VARIABLES:
+            yield len(program.global_names)  # a start allocates each of them: not in the collector's period
+        return program

@@ -7,10 +7,10 @@ from typing import Final
 
 from emulator.builtins.host import ProgramServices
 from emulator.machine import Machine
-from emulator.programs.compiling import LIBRARY_SET, Submission
+from emulator.programs.compiling import CompiledTexts, Submission
 from emulator.services.urcap import ProgramRequest
 from urproto.versions import PolyscopeVersion
-from urscript.compiler import CompiledProgram, compile_steps
+from urscript.compiler import CompiledProgram
 from urscript.errors import CompileError
 from urscript.files import inlined, is_inlined, split_steps
 from urscript.parser import is_secondary
@@ -77,12 +77,12 @@ class _PendingPlay:
 
 
 class Player:
-    """Prepares the program that ``play`` starts. ``loaded``: the chosen program."""
+    """Prepares the program that ``play`` starts. ``loaded``: the chosen program. texts: what the robot has compiled."""
 
-    def __init__(self, machine: Machine, services: ProgramServices) -> None:
+    def __init__(self, machine: Machine, services: ProgramServices, texts: CompiledTexts) -> None:
         self.loaded: LoadedProgram | None = None
         self._played: Submission | None = None
-        self._machine, self._services = machine, services
+        self._machine, self._services, self._texts = machine, services, texts
         self._pending: _PendingPlay | None = None
 
     @property
@@ -97,7 +97,9 @@ class Player:
         folder. Raises ProgramLoadError or OSError; the program loaded before then remains.
         """
         machine = self._machine
-        loaded = yield from load_steps(path, machine.config.programs_dir, machine.installation.file, machine.version)
+        loaded = yield from load_steps(
+            path, machine.config.programs_dir, machine.installation.file, machine.version, self._texts
+        )
         if by_default and self.loaded is not None:
             return
         for note in loaded.notes:
@@ -189,14 +191,14 @@ class LoadedProgram:
 
 
 def load_steps(
-    path: Path, root: Path | None, present: InstallationFile, version: PolyscopeVersion
+    path: Path, root: Path | None, present: InstallationFile, version: PolyscopeVersion, texts: CompiledTexts
 ) -> Steps[LoadedProgram]:
     """Read a ``.script``, ``.urp`` or ``.urpx`` file, in pieces for a control loop.
 
-    root: the programs folder. present: the installation in use. A program tree that cannot be
-    run, or whose translation does not compile, is replaced by the script that PolyScope saves
-    next to each ``.urp``, and PolyScope X in each ``.urpx``, if that was saved with the program in its present form
-    and compiles; otherwise, ProgramLoadError gives the reason. Also raises OSError.
+    root: the programs folder. present: the installation in use. texts: what the robot has compiled. A program tree
+    that cannot be run, or whose translation does not compile, is replaced by the script that PolyScope saves next to
+    each ``.urp``, and PolyScope X in each ``.urpx``, if that was saved with the program in its present form and
+    compiles; otherwise, ProgramLoadError gives the reason. Also raises OSError.
     """
     if path.suffix == ".script":
         return (yield from _script(path, read_text(path)))
@@ -204,20 +206,20 @@ def load_steps(
     if path.suffix != wanted:
         raise ProgramLoadError(f"{path.name} is not a program: use a {wanted} or .script file")
     if wanted == URPX:
-        return (yield from _urpx(path, present, version))
+        return (yield from _urpx(path, present, version, texts))
     folder = ProgramsFolder(root or path.parent, path.parent)
     try:
         tree = yield from read_tree_steps(path, folder)
     except (DocumentError, TreeError) as error:
-        return (yield from _saved_script(path, None, error, version))
+        return (yield from _saved_script(path, None, error, version, texts))
     try:
-        return (yield from _tree(path, tree, present, version))
+        return (yield from _tree(path, tree, present, version, texts))
     except (DocumentError, TreeError, CompileError) as error:
-        return (yield from _saved_script(path, tree, error, version))
+        return (yield from _saved_script(path, tree, error, version, texts))
 
 
 def _saved_script(
-    path: Path, tree: ProgramTree | None, error: Exception, version: PolyscopeVersion
+    path: Path, tree: ProgramTree | None, error: Exception, version: PolyscopeVersion, texts: CompiledTexts
 ) -> Steps[LoadedProgram]:
     """Load the script next to a program tree that cannot be run."""
     saved = path.with_suffix(".script")
@@ -233,13 +235,15 @@ def _saved_script(
         ) from error
     script = read_text(saved)
     try:
-        yield from compile_steps(script, LIBRARY_SET, version)
+        yield from texts.compile(script, version)
     except CompileError as complaint:
         raise ProgramLoadError(f"{reason}. {saved.name} cannot be played instead: {complaint}") from error
     return LoadedProgram(path, script, notes=[f"{saved.name} is played instead of {path.name}: {error}"])
 
 
-def _tree(path: Path, tree: ProgramTree, present: InstallationFile, version: PolyscopeVersion) -> Steps[LoadedProgram]:
+def _tree(
+    path: Path, tree: ProgramTree, present: InstallationFile, version: PolyscopeVersion, texts: CompiledTexts
+) -> Steps[LoadedProgram]:
     found = tree.folder.installation(*tree.installation_names)
     installation, notes = None, []
     if found is None:
@@ -252,11 +256,13 @@ def _tree(path: Path, tree: ProgramTree, present: InstallationFile, version: Pol
         version=version,
         external_control=ExternalControlCode("", ""),
     )
-    yield from compile_steps(script, LIBRARY_SET, version)
+    yield from texts.compile(script, version)
     return LoadedProgram(path, "", tree, installation, notes)
 
 
-def _urpx(path: Path, present: InstallationFile, version: PolyscopeVersion) -> Steps[LoadedProgram]:
+def _urpx(
+    path: Path, present: InstallationFile, version: PolyscopeVersion, texts: CompiledTexts
+) -> Steps[LoadedProgram]:
     try:
         data = read_file(path)
         yield len(data) // URPX_BYTES_PER_WORK
@@ -265,20 +271,22 @@ def _urpx(path: Path, present: InstallationFile, version: PolyscopeVersion) -> S
         raise ProgramLoadError(f"{path.name}: {error}") from error
     try:
         tree = program.tree()
-        yield from compile_steps((yield from script_steps(tree, present, version=version)), LIBRARY_SET, version)
+        yield from texts.compile((yield from script_steps(tree, present, version=version)), version)
     except (UrpxError, DocumentError, TreeError, CompileError) as error:
-        return (yield from _saved_urpx(path, program, error, version))
+        return (yield from _saved_urpx(path, program, error, version, texts))
     return LoadedProgram(path, "", tree, title=program.name)
 
 
-def _saved_urpx(path: Path, program: Urpx, error: Exception, version: PolyscopeVersion) -> Steps[LoadedProgram]:
+def _saved_urpx(
+    path: Path, program: Urpx, error: Exception, version: PolyscopeVersion, texts: CompiledTexts
+) -> Steps[LoadedProgram]:
     """Load the URScript in a program of PolyScope X whose nodes cannot be run."""
     reason = f"{path.name} cannot be run: {error}"
     if program.changed_since_saved:
         raise ProgramLoadError(f"{reason}. Nothing is played instead: {program.changed_since_saved}") from error
     script = program.saved_program()
     try:
-        yield from compile_steps(script, LIBRARY_SET, version)
+        yield from texts.compile(script, version)
     except CompileError as complaint:
         raise ProgramLoadError(f"{reason}. The URScript in it cannot be played instead: {complaint}") from error
     notes = [f"the URScript in {path.name} is played instead of its nodes: {error}"]

@@ -175,7 +175,7 @@ SOURCES: Final = tuple(_SOURCES)
 
 def steps_of(text: str) -> list[int]:
     """The work of each step of compiling a text, up to the first error [units of `urscript.work`]."""
-    compiler._cache.clear()
+    compiler._cache = compiler.CompiledPrograms()
     steps, work = compiler.compile_steps(text, LIBRARY_SET, DEFAULT_VERSION[Series.E]), []
     with suppress(CompileError):
         work.extend(steps)
@@ -184,7 +184,7 @@ def steps_of(text: str) -> list[int]:
 
 def objects_left_by(text: str) -> tuple[int, int]:
     """Number of objects that compiling a text leaves for the garbage collector, and how many of them are garbage."""
-    compiler._cache.clear()
+    compiler._cache = compiler.CompiledPrograms()
     share = WorkShare(Series.CB3.period_s)
     compiling = Compiling(share)
     compiling.add(Submission(text, DEFAULT_VERSION[Series.E]))
@@ -203,7 +203,7 @@ def objects_left_by(text: str) -> tuple[int, int]:
 
 def tick_times(text: str, periods: int, model: str) -> list[float]:
     """Processor time of each control period after a text was sent [s]."""
-    compiler._cache.clear()
+    compiler._cache = compiler.CompiledPrograms()
     controller = Controller(ControllerConfig(model=load_model(model), running=True))
     controller.programs.socket_backend = MemorySockets(("10.0.0.1", 80))
     for _ in range(5):

@@ -135,14 +135,16 @@ def test_a_long_text_leaves_little_to_the_garbage_collector(name: str) -> None:
 
 def test_replaced_programs_are_freed_in_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     long = source("a long def", SIZE)
-    monkeypatch.setattr(compiler, "_cache", {})
+    monkeypatch.setattr(compiler, "_cache", compiler.CompiledPrograms())
     monkeypatch.setattr(compiler, "_CACHE_CHARACTERS", len(long))
     compiler.compile_script(long, LIBRARY_SET, DEFAULT_VERSION[Series.E])
-    short = "def short():\n  a = 1\nend\n"
-    steps = [*compiler.compile_steps(short, LIBRARY_SET, DEFAULT_VERSION[Series.E])]
-    assert [text for text, *_ in compiler._cache] == [short]
-    assert max(steps) <= MAX_STEP
-    assert len(steps) > SIZE // 400  # pieces of the long one
+    compiler._discarded.clear()
+    compiler.compile_script("def short():\n  a = 1\nend\n", LIBRARY_SET, DEFAULT_VERSION[Series.E])
+    left = len(compiler._discarded)
+    assert left > SIZE // 400  # pieces of the long one
+    for _ in compiler.compile_steps("def next():\n  a = 2\nend\n", LIBRARY_SET, DEFAULT_VERSION[Series.E]):
+        assert len(compiler._discarded) == max(0, left - compiler._SLICE)
+        left = len(compiler._discarded)
 
 
 @pytest.mark.long

@@ -251,7 +251,7 @@ def test_a_stop_in_any_period_moves_no_target(name, stop):
     sweep(name, stop, every if stop == "pause" else 7 * every)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 4))])
 @pytest.mark.parametrize("name", ["spline", "speedj", "speedl", "movej", "movep", "servoc"])
 def test_two_pauses_and_a_moved_slider_move_no_target(name, seed):
     """The slider is moved while the arm runs, brakes, stands and gains speed; before the end, it is where it was.
@@ -273,7 +273,7 @@ def test_two_pauses_and_a_moved_slider_move_no_target(name, seed):
     assert away(arm.controller.motion.q, free.controller.motion.q) <= max(tolerance, 1e-7)
 
 
-@pytest.mark.parametrize("model", ["ur3", "ur5e"])
+@pytest.mark.parametrize("model", ["ur3", pytest.param("ur5e", marks=pytest.mark.long)])
 def test_a_stream_of_speeds_covers_speed_times_time(model):
     """Reported: 1000 commands of one period each, a pause after a second, 1.050 rad instead of 1.000."""
     body = """

@@ -17,6 +17,9 @@ PROGRAM_COUNT = os.environ.get("RANDOM_PROGRAMS")
 PHASES = tuple(Phase) if PROGRAM_COUNT else (Phase.generate,)  # shrinking a finding takes minutes
 EACH = max(1, round(int(PROGRAM_COUNT) / len(MODELS))) if PROGRAM_COUNT else 4
 
+MAIN = ("ur3", "ur5e", "ur20")
+ARMS = [name if name in MAIN else pytest.param(name, marks=pytest.mark.long) for name in MODELS]
+
 
 UPRIGHT, BENT = (0.0, -1.57, 0.0, -1.57, 0.0, 0.0), (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)
 FOUND = {
@@ -79,7 +82,9 @@ def test_previously_found_programs(name: str) -> None:
 
 
 @pytest.mark.timeout(0 if PROGRAM_COUNT else 120)
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    "model", [name if name in MAIN else pytest.param(name, marks=pytest.mark.long) for name in MODELS]
+)
 def test_random_programs_keep_the_limits_of_the_arm(model):
     @settings(max_examples=EACH, deadline=None, database=None, suppress_health_check=list(HealthCheck), phases=PHASES)
     @given(programs(model))

@@ -17,6 +17,7 @@ from emulator.control.verbs import verbs_of
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.mailbox import Command
+from emulator.programs.compiling import CompiledTexts
 from emulator.programs.loading import load_steps
 from emulator.robotapi.endpoints import OPERATIONS, Upload
 from emulator.robotapi.server import RobotApiCall
@@ -151,7 +152,7 @@ def steps_of(path: Path) -> Any:
     if path.suffix == ".installation":
         return read_installation_steps(path)
     version = PolyscopeVersion.parse("10.12") if path.suffix == ".urpx" else DEFAULT_VERSION[Series.E]
-    return load_steps(path, path.parent, InstallationFile(), version)
+    return load_steps(path, path.parent, InstallationFile(), version, CompiledTexts())
 
 
 @pytest.mark.parametrize("name", FILES)

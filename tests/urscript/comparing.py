@@ -37,9 +37,9 @@ Outcome: TypeAlias = tuple[list[Any], dict[str, tuple[str, str]], tuple[int, str
 
 def run(text: str) -> Outcome:
     """What a program does."""
-    compiler._cache.clear()  # of a text that was compiled with other knowledge
+    compiler._cache = compiler.CompiledPrograms()  # of a text that was compiled with other knowledge
     runtime = Runtime(compile_script(text, SET, VERSION), Host())
-    compiler._cache.clear()
+    compiler._cache = compiler.CompiledPrograms()
     frames: list[Any] = []
     while not runtime.finished and len(frames) < MAX_FRAMES:
         runtime.step()

@@ -67,15 +67,17 @@ def test_a_body_has_no_longest_length() -> None:
 
 
 def test_the_cache_forgets_programs_by_the_length_of_their_texts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiler, "_cache", {})
+    monkeypatch.setattr(compiler, "_cache", compiler.CompiledPrograms())
     monkeypatch.setattr(compiler, "_CACHE_CHARACTERS", 1000)
     texts = [f"a = {n} # {'x' * 400}\n" for n in range(5)]
-    first = compile_text(texts[0])
+    first, work = compile_text(texts[0]), list(compile_steps(texts[0], LIBRARY_SET, VERSION))
+    assert compile_text(texts[0]) is first
     for text in texts:
         compile_text(text)
-    assert len(compiler._cache) == 2
+    assert compile_text(texts[-1]) is compile_text(texts[-1])
     assert compile_text(texts[0]) is not first
-    assert list(compile_steps(texts[0], LIBRARY_SET, VERSION)) == []
+    assert list(compile_steps(texts[0], LIBRARY_SET, VERSION)) == work, "robot time does not depend on the cache"
+    assert sum(work) > 0
 
 
 def test_the_text_of_a_long_list_costs_what_it_is_worth() -> None:

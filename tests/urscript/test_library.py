@@ -146,10 +146,6 @@ def test_refused(run, call):
     assert run(f"x = {call}").error is not None
 
 
-def test_random(result):
-    assert 0 <= result("random()") < 1
-
-
 def test_messages_print_like_a_controller():
     """Seen in a log of a real one: no blanks, six significant digits."""
     pose = Pose([0.605825, -0.720087, 0.233797, -0.0111368, -0.0111357, 1.57073])

@@ -1,7 +1,6 @@
 """Numbers, vectors and matrices (Script Manual, module urmath)."""
 
 import math
-import random as _random
 
 from urproto.robots.pose import pose_inv
 from urscript.builtins import Library
@@ -130,12 +129,6 @@ def sqrt(f: Num) -> float:
     """Square root of `f`."""
     _domain("sqrt", f >= 0, "non-negative", f)
     return math.sqrt(f)
-
-
-@LIBRARY.builtin()
-def random() -> float:
-    """A number from 0 to 1, 1 not included."""
-    return _random.random()
 
 
 # vectors

@@ -8,7 +8,7 @@ from typing import Final
 from tree_rig import assign, expression, line, main, sleep, tag
 
 from emulator.config import ConfigError, read_safety
-from emulator.programs.compiling import LIBRARY_SET
+from emulator.programs.compiling import LIBRARY_SET, CompiledTexts
 from emulator.programs.loading import ProgramLoadError, load_steps
 from targets.registry import VERSIONS, Finding, file, folder, target
 from urproto.robots import load_model
@@ -96,7 +96,7 @@ def program_tree(data: bytes) -> None:
     path = file("p.urp", data)
     for version in VERSIONS[:2]:
         with suppress(ProgramLoadError):
-            run_to_end(load_steps(path, folder(), InstallationFile("default"), version))
+            run_to_end(load_steps(path, folder(), InstallationFile("default"), version, CompiledTexts()))
 
 
 _SAFETY: Final = (
