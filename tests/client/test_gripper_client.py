@@ -65,7 +65,7 @@ async def test_a_gripper_grips_something(emulator: Emulator) -> None:
             await passing(emulator, client.at_rest())
         await passing(emulator, client.activate())
         assert gripper.status is Status.ACTIVE
-        with pytest.raises(LocalProtocolError, match="a count of the gripper.* from 0 to 255"):
+        with pytest.raises(LocalProtocolError, match=r"a count of the gripper.* from 0 to 255"):
             await client.move(256)
         emulator.controller.power_event(PowerEvent.POWER_OFF)
         emulator.controller.tick()
