@@ -11,21 +11,18 @@ the connection was lost, or after an answer that did not come in time, connects 
 
 import asyncio
 from dataclasses import dataclass
-from typing import Final, TypeVar
+from typing import Final
 
 from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, Flow, Reconnect
 from client.errors import GripperError, RobotUnreachableError
 from client.quantities import checked
 from urproto import robotiq as wire
-from urproto.compat import IntEnum
 from urproto.compat_asyncio import timeout
 from urproto.errors import RemoteProtocolError, RobotRefused
 from urproto.robotiq import FULL, PORT, Fault, ObjectStatus, Reply, Status
 from urproto.text import from_bytes, quoted
 
 __all__ = ["PORT", "GripperClient", "GripperState"]
-
-Code = TypeVar("Code", bound=IntEnum)
 
 _POLL_S: Final = 0.02  # between two reads of a variable that is to change (guess)
 _UNREACHABLE: Final = "start the emulator with --gripper, or install the gripper's URCap on the robot"
@@ -74,20 +71,20 @@ class GripperCore:
         self._in_step = True
         yield from ()
 
-    def request(self, line: bytes) -> Flow[Reply]:
-        """Send a request and read its reply."""
+    def request(self, lines: bytes, count: int = 1) -> Flow[list[Reply]]:
+        """Send one or several requests and read their replies, which come together."""
         if not self._in_step:
             yield Reconnect(within_s=0.0)
             yield from self.start()
         self._in_step = False
-        yield line
+        yield lines
         replies: list[Reply] = []
-        while not replies:
-            replies = self._decoder.feed((yield None))
-        if len(replies) > 1:
+        while len(replies) < count:
+            replies += self._decoder.feed((yield None))
+        if len(replies) > count:
             raise RemoteProtocolError(f"several replies to one request: {_NOT_A_GRIPPER}")
         self._in_step = True
-        return replies[0]
+        return replies
 
 
 @checked
@@ -102,13 +99,13 @@ class GripperClient(AsyncConnection):
 
     async def state(self) -> GripperState:
         """Read the state of the gripper. Raises GripperError if it does not answer its controller."""
-        return GripperState(
-            await self._code("STA", Status),
-            await self._code("OBJ", ObjectStatus),
-            await self._code("FLT", Fault),
-            await self._get("POS"),
-            await self._get("PRE"),
-        )
+        status, object_status, fault, position, requested = await self._get("STA", "OBJ", "FLT", "POS", "PRE")
+        try:
+            return GripperState(Status(status), ObjectStatus(object_status), Fault(fault), position, requested)
+        except ValueError as error:
+            raise RemoteProtocolError(
+                f"the gripper at {self.host}:{self.port} reports: {error}; see its manual"
+            ) from error
 
     async def activate(self, timeout_s: float = 10.0) -> None:
         """Reset the gripper and activate it; the fingers close and open once. Raises GripperError for a fault.
@@ -119,7 +116,7 @@ class GripperClient(AsyncConnection):
             async with timeout(timeout_s):
                 await self._set(ACT=0)
                 await self._set(ATR=0)
-                while await self._code("STA", Status) is not Status.RESET:
+                while await self._get("STA") != [Status.RESET]:
                     await asyncio.sleep(_POLL_S)
                 await self._set(ACT=1)
                 while (state := await self.state()).problem:
@@ -161,36 +158,28 @@ class GripperClient(AsyncConnection):
     def _opening(self) -> Flow[None]:
         return self._core.start()
 
-    async def _request(self, line: bytes) -> Reply:
+    async def _request(self, lines: bytes, count: int = 1) -> list[Reply]:
         async with self._lock:
-            return await self.run(self._core.request(line))
+            return await self.run(self._core.request(lines, count))
 
     async def _set(self, **values: int) -> None:
         line = wire.encode_set(values)
-        reply = await self._request(line)
-        if reply != wire.ACK:
-            answer = f"{reply.name} {reply.text}" if isinstance(reply, wire.Value) else from_bytes(reply)
-            raise RobotRefused(from_bytes(line).rstrip(), quoted(answer), _NOT_A_GRIPPER)
+        if (replies := await self._request(line)) != [wire.ACK]:
+            raise RobotRefused(from_bytes(line).rstrip(), _shown(replies[0]), _NOT_A_GRIPPER)
 
-    async def _get(self, name: str) -> int:
-        reply = await self._request(wire.encode_get(name))
-        if not isinstance(reply, wire.Value):
-            raise RobotRefused(f"GET {name}", quoted(from_bytes(reply)), _NOT_A_GRIPPER)
+    async def _get(self, *names: str) -> list[int]:
+        replies = await self._request(b"".join(map(wire.encode_get, names)), len(names))
+        return [self._value(name, reply) for name, reply in zip(names, replies, strict=True)]
+
+    def _value(self, name: str, reply: Reply) -> int:
         if reply == wire.Value(name, wire.UNKNOWN):
             raise GripperError(self.host, self.port, "does not answer its controller", _NO_ANSWER)
-        value = wire.parse_whole_number(reply.text)
-        if reply.name != name or value is None or not 0 <= value <= FULL:
-            answer = quoted(f"{reply.name} {reply.text}")
-            raise RemoteProtocolError(
-                f"the gripper at {self.host}:{self.port} answers GET {name} with {answer}: {_NOT_A_GRIPPER}"
-            )
+        text = reply.text if isinstance(reply, wire.Value) and reply.name == name else ""
+        value = wire.parse_whole_number(text)
+        if value is None or not 0 <= value <= FULL:
+            raise RemoteProtocolError(f"GET {name} is answered with {_shown(reply)}: {_NOT_A_GRIPPER}")
         return value
 
-    async def _code(self, name: str, codes: type[Code]) -> Code:
-        value = await self._get(name)
-        try:
-            return codes(value)
-        except ValueError as error:
-            raise RemoteProtocolError(
-                f"the gripper at {self.host}:{self.port} reports the unknown {name} {value}: see its manual"
-            ) from error
+
+def _shown(reply: Reply) -> str:
+    return quoted(f"{reply.name} {reply.text}" if isinstance(reply, wire.Value) else from_bytes(reply))

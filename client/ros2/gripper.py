@@ -23,7 +23,7 @@ from client.errors import Ros2Error
 from client.gripper import GripperClient, GripperState
 from client.ros2.host import SYSTEM_DEFAULT, NodeHost, interface, interface_if_any, stamp
 from urproto.errors import URError
-from urproto.robotiq import FULL, MODELS, GripperModel, Status
+from urproto.robotiq import FULL, MODELS, GripperModel, ObjectStatus, Status
 
 NAME: Final = "robotiq_gripper_controller"
 ACTIVATION: Final = "robotiq_activation_controller"
@@ -34,7 +34,7 @@ _ACTIONS: Final = {
     _SINGLE: "control_msgs/action/GripperCommand",
     _PARALLEL: "control_msgs/action/ParallelGripperCommand",
 }
-# Source: ros2_robotiq_gripper. Not from there: stall_timeout, because its 0.05 s is shorter than two reads.
+# Source: ros2_robotiq_gripper; stall_timeout: ros2_controllers, because 0.05 s is hardly more than one read.
 _PARAMETERS: Final[Mapping[str, Any]] = {
     "action_monitor_rate": 20.0,  # Hz
     "allow_stalling": True,
@@ -124,8 +124,7 @@ class GripperNode:
         self._client = client
         self._model, self._joint = MODELS[name], _JOINTS[name]
         declare = self.node.declare_parameter
-        self._joint_name = prefix + self._joint.name
-        declare("joint", self._joint_name, _FIXED)
+        self._joint_name = str(declare("joint", prefix + self._joint.name, _FIXED).value)
         kind = declare("type", _SINGLE, _FIXED).value
         for parameter, value in {**_PARAMETERS, "goal_tolerance": self._joint.tolerance}.items():
             declare(parameter, value, _FIXED if parameter == "action_monitor_rate" else None)
@@ -139,7 +138,8 @@ class GripperNode:
             raise Ros2Error(f"{NAME}: the type {kind} is not offered: choose {_SINGLE}")
         self._server: ActionServer | None = None  # until the gripper is active, as officially
         self._activation = host.node(ACTIVATION)
-        self._service = self._activation.create_service(Trigger, "~/reactivate_gripper", self._reactivate)
+        self._advice = f"call {self._activation.get_fully_qualified_name()}/reactivate_gripper"
+        self._activation.create_service(Trigger, "~/reactivate_gripper", self._reactivate)
         host.spin(self.node)
         host.spin(self._activation)
         self._following = host.task(self.node, self._follow())
@@ -221,6 +221,7 @@ class GripperNode:
         """Reset and activate the gripper; return why it could not be, empty if it is active."""
         try:
             await self._client.activate()
+            self._update(await self._client.state())
         except URError as error:
             self._activation.get_logger().error(f"reactivate_gripper: {error}")
             return str(error)
@@ -262,8 +263,8 @@ class GripperNode:
         message = self._joint_state(name=[self._joint_name], position=[position], velocity=[self._velocity])
         stamp(message.header.stamp, now_ns)
         self._publisher.publish(message)
-        advice = "" if state.status is Status.ACTIVATING else f": call {self._service.srv_name}"
-        self._note(f"the gripper {state.problem}{advice}" if state.problem else "")
+        advice = "wait" if state.status is Status.ACTIVATING else self._advice
+        self._note(f"the gripper {state.problem}: {advice}" if state.problem else "")
         if self._server is None and not state.problem:
             self._serve()
         if self._goal is not None and self._goal.moved_ns is not None:
@@ -279,7 +280,8 @@ class GripperNode:
         assert goal.moved_ns is not None
         if abs(goal.command.position - self._position) < self._parameter("goal_tolerance"):
             return goal.end(reached=True)
-        if abs(self._velocity) > self._parameter("stall_velocity_threshold"):
+        moving = state.object_status is ObjectStatus.MOVING
+        if moving or abs(self._velocity) > self._parameter("stall_velocity_threshold"):
             goal.moved_ns = now_ns
         held = state.holds_object and state.requested_count == goal.count
         if held or now_ns - goal.moved_ns > 1e9 * self._parameter("stall_timeout"):

@@ -86,9 +86,8 @@ async def test_gripper_command() -> None:
             while await begin(lab.peer, 0.5):
                 assert (await lab.peer.request(result=ACTION))["status"] == ABORTED
             assert (await lab.peer.call(REACTIVATE, TRIGGER))["success"]
-            while not await begin(lab.peer, 0.5):  # it has not seen that yet
-                await asyncio.sleep(0.05)
-            assert (await lab.peer.request(result=ACTION))["status"] == SUCCEEDED
+            status, result = await move(lab.peer, 0.05)
+            assert (status, result["reached_goal"]) == (SUCCEEDED, True)
 
 
 async def joint_state(peer: Peer) -> dict[str, float]:
