@@ -58,43 +58,15 @@ class GripperState:
         return {Status.ACTIVE: "", Status.ACTIVATING: "is being activated"}.get(self.status, "is not active")
 
 
-class GripperCore:
-    """The client's side of a connection, one request at a time, without I/O."""
-
-    def __init__(self) -> None:
-        self._decoder = wire.ReplyDecoder()
-        self._in_step = False  # whether the next reply belongs to the next request
-
-    def start(self) -> Flow[None]:
-        """Reset the state of an earlier connection."""
-        self._decoder = wire.ReplyDecoder()
-        self._in_step = True
-        yield from ()
-
-    def request(self, lines: bytes, count: int = 1) -> Flow[list[Reply]]:
-        """Send one or several requests and read their replies, which come together."""
-        if not self._in_step:
-            yield Reconnect(within_s=0.0)
-            yield from self.start()
-        self._in_step = False
-        yield lines
-        replies: list[Reply] = []
-        while len(replies) < count:
-            replies += self._decoder.feed((yield None))
-        if len(replies) > count:
-            raise RemoteProtocolError(f"several replies to one request: {_NOT_A_GRIPPER}")
-        self._in_step = True
-        return replies
-
-
 @checked
 class GripperClient(AsyncConnection):
     """Gripper client for asyncio programs. Tasks may share it; without ``async with``, its first request connects."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
-        self._core = GripperCore()
         self._lock = asyncio.Lock()
+        self._decoder = wire.ReplyDecoder()
+        self._in_step = False  # whether the next reply belongs to the next request
         self._requested_count: int | None = None  # by the last motion; None before
 
     async def state(self) -> GripperState:
@@ -103,9 +75,7 @@ class GripperClient(AsyncConnection):
         try:
             return GripperState(Status(status), ObjectStatus(object_status), Fault(fault), position, requested)
         except ValueError as error:
-            raise RemoteProtocolError(
-                f"the gripper at {self.host}:{self.port} reports: {error}; see its manual"
-            ) from error
+            raise RemoteProtocolError(f"the gripper reports an unknown state ({error}): see its manual") from error
 
     async def activate(self, timeout_s: float = 10.0) -> None:
         """Reset the gripper and activate it; the fingers close and open once. Raises GripperError for a fault.
@@ -138,10 +108,8 @@ class GripperClient(AsyncConnection):
             state = await self.state()
             if state.problem:
                 raise GripperError(self.host, self.port, state.problem, "activate it again")
-            if (
-                self._requested_count in (None, state.requested_count)
-                and state.object_status is not ObjectStatus.MOVING
-            ):
+            taken_over = self._requested_count in (None, state.requested_count)
+            if taken_over and state.object_status is not ObjectStatus.MOVING:
                 return state
             await asyncio.sleep(_POLL_S)
 
@@ -156,11 +124,28 @@ class GripperClient(AsyncConnection):
             raise RobotUnreachableError(error.host, error.port, error.reason, _UNREACHABLE) from error
 
     def _opening(self) -> Flow[None]:
-        return self._core.start()
+        self._decoder = wire.ReplyDecoder()
+        self._in_step = True
+        yield from ()
+
+    def _exchange(self, lines: bytes, count: int) -> Flow[list[Reply]]:
+        """Send requests together; read their replies, which come together, too."""
+        if not self._in_step:
+            yield Reconnect(within_s=0.0)
+            yield from self._opening()
+        self._in_step = False
+        yield lines
+        replies: list[Reply] = []
+        while len(replies) < count:
+            replies += self._decoder.feed((yield None))
+        if len(replies) > count:
+            raise RemoteProtocolError(f"several replies to one request: {_NOT_A_GRIPPER}")
+        self._in_step = True
+        return replies
 
     async def _request(self, lines: bytes, count: int = 1) -> list[Reply]:
         async with self._lock:
-            return await self.run(self._core.request(lines, count))
+            return await self.run(self._exchange(lines, count))
 
     async def _set(self, **values: int) -> None:
         line = wire.encode_set(values)
