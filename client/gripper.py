@@ -128,7 +128,7 @@ class GripperClient(AsyncConnection):
         self._in_step = True
         yield from ()
 
-    def _exchange(self, lines: bytes, count: int) -> Flow[list[Reply]]:
+    def _replies(self, lines: bytes, count: int) -> Flow[list[Reply]]:
         """Send requests together; read their replies, which come together, too."""
         if not self._in_step:
             yield Reconnect(within_s=0.0)
@@ -145,7 +145,7 @@ class GripperClient(AsyncConnection):
 
     async def _request(self, lines: bytes, count: int = 1) -> list[Reply]:
         async with self._lock:
-            return await self.run(self._exchange(lines, count))
+            return await self.run(self._replies(lines, count))
 
     async def _set(self, **values: int) -> None:
         line = wire.encode_set(values)
