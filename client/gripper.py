@@ -77,7 +77,7 @@ class GripperClient(AsyncConnection):
         except ValueError as error:
             raise RemoteProtocolError(f"the gripper reports an unknown state ({error}): see its manual") from error
 
-    async def activate(self, timeout_s: float = 10.0) -> None:
+    async def activate(self, timeout_s: float = 20.0) -> None:
         """Reset the gripper and activate it; the fingers close and open once. Raises GripperError for a fault.
 
         An object between the fingers is dropped. timeout_s: how long this may take [s].

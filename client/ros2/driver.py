@@ -116,7 +116,7 @@ class Ros2Driver:
         if options.gripper:
             gripper = GripperClient(options.robot_ip, options.gripper_port)
             opening.push_async_callback(gripper.close)
-            await self._open(opening, GripperNode, host, gripper, options.gripper, prefix)
+            await self._open(opening, GripperNode, host, gripper, options.gripper, scene)
         if options.cameras:
             await self._open_cameras(opening, host)
         follows = options.initial_controller or trajectory_controller(facts.types)

@@ -4,9 +4,8 @@ Names, types, joints and units are those of PickNik's ros2_robotiq_gripper, and 
 the Hand-E; parameters, and when a goal has ended, are those of ros2_controllers' gripper controllers. The gripper is
 read 20 times a second through its own port, far from the control loop, whose cycle is shorter than one answer.
 
-Its joint has its own messages on ``joint_states``, as if a second joint_state_broadcaster published them. In those of
-the arm, which come with each cycle, its position would be older than the stamp, and would need a call between the
-processes in each cycle.
+Its joint is in the messages of joint_state_broadcaster, as officially. Separate messages on ``joint_states`` would be
+lost among those of the arm, which come 500 times a second: many subscribers keep only the newest message.
 """
 
 import asyncio
@@ -21,7 +20,8 @@ from std_srvs.srv import Trigger
 
 from client.errors import Ros2Error
 from client.gripper import GripperClient, GripperState
-from client.ros2.host import SYSTEM_DEFAULT, NodeHost, interface, interface_if_any, stamp
+from client.ros2.host import NodeHost, interface_if_any
+from client.ros2.topics import PublishingContext
 from urproto.errors import URError
 from urproto.robotiq import FULL, MODELS, GripperModel, ObjectStatus, Status
 
@@ -114,25 +114,24 @@ class _Goal:
 class GripperNode:
     """Both nodes; they spin from their creation until `close`, which leaves the fingers as they are.
 
-    name: of a model in `urproto.robotiq.MODELS`. prefix: for the joint's name. A gripper that is not active when it
-    answers for the first time is activated. A new goal replaces the one under way, which is aborted.
+    name: of a model in `urproto.robotiq.MODELS`. scene: gets the joint while the gripper answers. A gripper that is not
+    active when it answers for the first time is activated. A new goal replaces the one under way, which is aborted.
     """
 
-    def __init__(self, host: NodeHost, client: GripperClient, name: str, prefix: str = "") -> None:
+    def __init__(self, host: NodeHost, client: GripperClient, name: str, scene: PublishingContext) -> None:
         self.node = host.node(NAME)
         self._host = host
         self._client = client
+        self._scene = scene
         self._model, self._joint = MODELS[name], _JOINTS[name]
         declare = self.node.declare_parameter
-        self._joint_name = str(declare("joint", prefix + self._joint.name, _FIXED).value)
+        self._joint_name = str(declare("joint", scene.prefix + self._joint.name, _FIXED).value)
         kind = declare("type", _SINGLE, _FIXED).value
         for parameter, value in {**_PARAMETERS, "goal_tolerance": self._joint.tolerance}.items():
             declare(parameter, value, _FIXED if parameter == "action_monitor_rate" else None)
         self._problem = "it has not answered yet"  # why there are no goals; empty if nothing is wrong
         self._position, self._velocity, self._read_ns = math.nan, 0.0, 0
         self._goal: _Goal | None = None
-        self._joint_state = interface("sensor_msgs/msg/JointState")
-        self._publisher = self.node.create_publisher(self._joint_state, "joint_states", SYSTEM_DEFAULT)
         self._action = interface_if_any(_ACTIONS.get(str(kind), "control_msgs/action/"))
         if self._action is None:
             raise Ros2Error(f"{NAME}: the type {kind} is not offered: choose {_SINGLE}")
@@ -236,6 +235,7 @@ class GripperNode:
                 state = await self._client.state()
             except URError as error:
                 pause_s = _RETRY_S
+                self._scene.joints.pop(self._joint_name, None)
                 self._note(str(error))
             else:
                 if not answered and state.status is Status.RESET:
@@ -260,9 +260,7 @@ class GripperNode:
             self._velocity = 0.0 if math.isnan(self._position) else (position - self._position) / since_s
             self._read_ns = now_ns
         self._position = position
-        message = self._joint_state(name=[self._joint_name], position=[position], velocity=[self._velocity])
-        stamp(message.header.stamp, now_ns)
-        self._publisher.publish(message)
+        self._scene.joints[self._joint_name] = position, self._velocity
         advice = "wait" if state.status is Status.ACTIVATING else self._advice
         self._note(f"the gripper {state.problem}: {advice}" if state.problem else "")
         if self._server is None and not state.problem:

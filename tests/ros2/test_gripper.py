@@ -13,6 +13,7 @@ from ros2_rig import Peer, free_domain, laboratory, peer
 from client.gripper import GripperClient
 from client.ros2.gripper import GripperNode
 from client.ros2.host import NodeHost
+from client.ros2.topics import PublishingContext
 from urproto.robotiq import MODELS, Fault
 
 pytestmark = pytest.mark.xdist_group("ros2")
@@ -55,10 +56,13 @@ async def test_gripper_command() -> None:
             assert gripper.get("FOR") == f"{MODEL.force(50.0)}"
             status, result = await move(lab.peer, 0.0)
             assert (status, result["reached_goal"]) == (SUCCEEDED, True)
-            states = []
-            while "robotiq_85_left_knuckle_joint" not in (states := [*states, await joint_state(lab.peer)])[-1]:
-                pass
-            assert states[-1]["robotiq_85_left_knuckle_joint"] == pytest.approx(0.0, abs=0.02)
+            state = await lab.peer.echo("/joint_states", "sensor_msgs/msg/JointState", new=True)
+            assert state["name"][6:] == ["robotiq_85_left_knuckle_joint"]
+            assert (state["position"][6], state["velocity"][6]) == (
+                pytest.approx(0.0, abs=0.02),
+                pytest.approx(0.0, abs=1.0),
+            )
+            assert len(state["effort"]) == 7
 
             gripper.object_mm = 30.0
             status, result = await move(lab.peer, 0.8)
@@ -90,11 +94,6 @@ async def test_gripper_command() -> None:
             assert (status, result["reached_goal"]) == (SUCCEEDED, True)
 
 
-async def joint_state(peer: Peer) -> dict[str, float]:
-    message = await peer.echo("/joint_states", "sensor_msgs/msg/JointState")
-    return dict(zip(message["name"], message["position"], strict=True))
-
-
 async def test_parallel_gripper_command_of_a_hand_e() -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     parallel = "robotiq_gripper_controller:type:=parallel_gripper_action_controller/GripperActionController"
@@ -102,7 +101,7 @@ async def test_parallel_gripper_command_of_a_hand_e() -> None:
         with free_domain() as domain:
             async with NodeHost(domain=domain, ros_arguments=("-p", parallel)) as host, peer(domain) as other:
                 client = GripperClient(HOST, robot.ports["gripper"])
-                node = await asyncio.to_thread(GripperNode, host, client, "robotiq-hand-e", "left_")
+                node = await asyncio.to_thread(GripperNode, host, client, "robotiq-hand-e", PublishingContext("left_"))
                 try:
                     for command, accepted in (
                         ({"position": []}, False),
