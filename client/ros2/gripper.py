@@ -131,6 +131,7 @@ class GripperNode:
             declare(parameter, value, _FIXED if parameter == "action_monitor_rate" else None)
         self._problem = "it has not answered yet"  # why there are no goals; empty if nothing is wrong
         self._position, self._velocity, self._read_ns = math.nan, 0.0, 0
+        self._activating = False
         self._goal: _Goal | None = None
         self._action = interface_if_any(_ACTIONS.get(str(kind), "control_msgs/action/"))
         if self._action is None:
@@ -219,11 +220,15 @@ class GripperNode:
     async def _activate(self) -> str:
         """Reset and activate the gripper; return why it could not be, empty if it is active."""
         try:
+            self._activating = True
             await self._client.activate()
+            self._activating = False
             self._update(await self._client.state())
         except URError as error:
             self._activation.get_logger().error(f"reactivate_gripper: {error}")
             return str(error)
+        finally:
+            self._activating = False
         return ""
 
     async def _follow(self) -> None:
@@ -261,9 +266,11 @@ class GripperNode:
             self._read_ns = now_ns
         self._position = position
         self._scene.joints[self._joint_name] = position, self._velocity
-        advice = "wait" if state.status is Status.ACTIVATING else self._advice
-        self._note(f"the gripper {state.problem}: {advice}" if state.problem else "")
-        if self._server is None and not state.problem:
+        if self._activating or state.status is Status.ACTIVATING:
+            self._note("the gripper is being activated: wait")
+        else:
+            self._note(f"the gripper {state.problem}: {self._advice}" if state.problem else "")
+        if self._server is None and not self._problem:
             self._serve()
         if self._goal is not None and self._goal.moved_ns is not None:
             self._check(self._goal, state, now_ns)
