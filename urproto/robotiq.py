@@ -200,18 +200,21 @@ class ReplyDecoder:
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[Reply]:
-        """Add bytes; returns the replies they complete. Raises RemoteProtocolError for anything else."""
+        """Add bytes; returns the replies they complete. Raises RemoteProtocolError for anything else, after these."""
         self._buffer = (self._buffer + data).lstrip()
         replies: list[Reply] = []
-        while (reply := self._next()) is not None:
-            replies.append(reply)
-            self._buffer = self._buffer.lstrip()
+        try:
+            while (reply := self._next()) is not None:
+                replies.append(reply)
+        except RemoteProtocolError:
+            if not replies:  # otherwise the next call raises it
+                raise
         return replies
 
     def _next(self) -> Reply | None:
         for word in _WORDS:
             if self._buffer.startswith(word):
-                self._buffer = self._buffer[len(word) :]
+                self._buffer = self._buffer[len(word) :].lstrip()
                 return word
         line, end, rest = self._buffer.partition(b"\n")
         if len(line) > _MAX_LINE:
@@ -221,7 +224,7 @@ class ReplyDecoder:
         found = _VALUE.fullmatch(strip(from_bytes(line)))
         if found is None:
             raise RemoteProtocolError(f"this is not a gripper: it sent {quoted(from_bytes(line))}")
-        self._buffer = rest
+        self._buffer = rest.lstrip()
         return Value(found[1], found[2])
 
 

@@ -16,8 +16,9 @@ from client.dashboard import DashboardClient
 from client.driver.config import ROBOT_PORTS, read_settings
 from client.errors import Ros2Error
 from urproto.errors import URError
-from urproto.ports import CAMERA_PORT, GRIPPER_PORT
+from urproto.ports import CAMERA_PORT
 from urproto.robotiq import MODELS
+from urproto.robotiq import PORT as GRIPPER_PORT
 from urproto.text import unknown
 
 if TYPE_CHECKING:

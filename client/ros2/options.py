@@ -6,7 +6,8 @@ from typing import Final
 
 from client.controllers.running import ManagerOptions
 from client.errors import Ros2Error
-from urproto.ports import CAMERA_PORT, GRIPPER_PORT
+from urproto.ports import CAMERA_PORT
+from urproto.robotiq import PORT as GRIPPER_PORT
 
 _PREFIX: Final = re.compile(r"|[A-Za-z_][A-Za-z0-9_]*")
 
