@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from std_srvs.srv import Trigger
 
@@ -45,6 +45,9 @@ _PARAMETERS: Final[Mapping[str, Any]] = {
 }
 _RETRY_S: Final = 1.0  # after an error (guess)
 _FIXED: Final = ParameterDescriptor(read_only=True)
+_RATE: Final = ParameterDescriptor(
+    read_only=True, floating_point_range=[FloatingPointRange(from_value=0.1, to_value=1000.0)]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,7 @@ class _Joint:
 
     def count(self, model: GripperModel, position: float) -> int:
         share = (position - self.closed) / (self.opened - self.closed)
-        return min(max(round(model.count(model.stroke_mm * share)), 0), FULL)
+        return round(min(max(model.count(model.stroke_mm * share), 0), FULL))
 
 
 _JOINTS: Final[Mapping[str, _Joint]] = {
@@ -85,9 +88,8 @@ class _Command:
         if hasattr(command, "max_effort"):
             one = cls(command.position, command.max_effort)
         elif len(command.position) == 1:
-            one = cls(
-                command.position[0], *(values[0] if values else 0.0 for values in (command.effort, command.velocity))
-            )
+            limits = (values[0] if values else 0.0 for values in (command.effort, command.velocity))
+            one = cls(command.position[0], *limits)
         else:
             return None
         return one if all(map(math.isfinite, (one.position, one.max_effort, one.max_velocity))) else None
@@ -128,7 +130,7 @@ class GripperNode:
         self._joint_name = str(declare("joint", scene.prefix + self._joint.name, _FIXED).value)
         kind = declare("type", _SINGLE, _FIXED).value
         for parameter, value in {**_PARAMETERS, "goal_tolerance": self._joint.tolerance}.items():
-            declare(parameter, value, _FIXED if parameter == "action_monitor_rate" else None)
+            declare(parameter, value, _RATE if parameter == "action_monitor_rate" else None)
         self._problem = "it has not answered yet"  # why there are no goals; empty if nothing is wrong
         self._position, self._velocity, self._read_ns = math.nan, 0.0, 0
         self._activating = False
