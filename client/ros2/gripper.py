@@ -43,6 +43,7 @@ _PARAMETERS: Final[Mapping[str, Any]] = {
     "max_effort": 50.0,  # N, of goals without
     "max_velocity": 0.5,  # m/s, the same; faster than any of the models
 }
+_CANCELLED: Final = "cancelled"
 _RETRY_S: Final = 1.0  # after an error (guess)
 _FIXED: Final = ParameterDescriptor(read_only=True)
 _RATE: Final = ParameterDescriptor(
@@ -166,7 +167,7 @@ class GripperNode:
 
     async def _execute(self, handle: Any) -> Any:
         goal, why = await self._host.task(self.node, self._carry_out(handle))
-        if handle.is_cancel_requested and why:
+        if why == _CANCELLED:
             handle.canceled()
         elif why:
             self.node.get_logger().error(f"gripper_cmd: {why}")
@@ -194,7 +195,7 @@ class GripperNode:
         if before is not None:
             before.end("replaced by a new goal")
         if handle.is_cancel_requested:
-            return goal, "cancelled"
+            return goal, _CANCELLED
         self._goal = goal
         speed_m_s = command.max_velocity if command.max_velocity > 0.0 else self._parameter("max_velocity")
         effort_n = command.max_effort if command.max_effort > 0.0 else self._parameter("max_effort")
@@ -216,8 +217,9 @@ class GripperNode:
         try:
             await self._client.stop()
         except URError as error:
-            self.node.get_logger().error(f"gripper_cmd: the fingers were not stopped: {error}")
-        goal.end("cancelled")
+            goal.end(f"the fingers were not stopped: {error}")
+        else:
+            goal.end(_CANCELLED)
 
     async def _activate(self) -> str:
         """Reset and activate the gripper; return why it could not be, empty if it is active."""
