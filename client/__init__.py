@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         ScriptFailedError,
         StaleStateError,
     )
+    from client.gripper import GripperClient
     from client.modbus import BlockingModbusClient, ModbusClient
     from client.primary import BlockingPrimaryClient, PrimaryClient
     from client.realtime import BlockingRealtimeClient, RealtimeClient
@@ -58,6 +59,7 @@ __all__ = [
     "DashboardClient",
     "DeviceError",
     "FileError",
+    "GripperClient",
     "LateSetpointError",
     "ModbusClient",
     "MotionError",
@@ -109,6 +111,7 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
         "ScriptFailedError",
         "StaleStateError",
     ),
+    "client.gripper": ("GripperClient",),
     "client.modbus": ("BlockingModbusClient", "ModbusClient"),
     "client.primary": ("BlockingPrimaryClient", "PrimaryClient"),
     "client.realtime": ("BlockingRealtimeClient", "RealtimeClient"),

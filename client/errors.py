@@ -9,6 +9,7 @@ ClientError
 ├── NoAnswerError            the robot did not answer in time
 ├── WaitTimeoutError         the awaited event has not happened yet; also a TimeoutError
 ├── CameraError              the camera does not exist, or delivers no picture
+├── GripperError             the gripper does not answer, or cannot carry out a command
 ├── DeviceError              a serial device could not be created on this machine
 ├── RecordingError           a recording cannot be read, written or used for this purpose
 │   └── MissingExtraError    a required package is not installed
@@ -96,6 +97,15 @@ class WaitTimeoutError(ClientError, TimeoutError):
 
 class CameraError(ClientError):
     """The camera does not exist, or delivers no picture."""
+
+
+class GripperError(ClientError):
+    """The gripper at ``host``:``port`` does not answer its controller, or cannot carry out a command."""
+
+    def __init__(self, host: str, port: int, why: str, advice: str) -> None:
+        super().__init__(f"the gripper at {host}:{port} {why}: {advice}")
+        self.host = host
+        self.port = port
 
 
 class DeviceError(ClientError):

@@ -113,6 +113,7 @@ _MASS: Final = Quantity("a mass", "kg", 0.0, 200.0)
 _WHOLE: Final = Quantity("a number", "", -(2**31), 2**31 - 1, whole=True)
 _FINITE: Final = Quantity("a number", "", -sys.float_info.max, sys.float_info.max)
 _PERIOD: Final = Quantity("a time", "s", _POSITIVE, 1e9, endless=True)
+_COUNT: Final = Quantity("a count of the gripper", "", 0, 255, whole=True)
 _PORT: Final = Quantity("a port", "", 0, 65535, whole=True)
 _LOOKAHEAD: Final = Quantity("the lookahead time of servoj", "s", 0.03, 0.2)
 _VOLTS: Final = Quantity("a voltage", "V", 0.0, 24.0)
@@ -139,6 +140,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "direction_base": _DIRECTION,
     "duration_s": _TIME,
     "end_rad": _ANGLES,
+    "force_count": _COUNT,
     "fraction": Quantity("the speed slider", "", 0.01, 1.0),
     "frame_base": _POSE,
     "frequency_hz": Quantity("states per second", "Hz", _POSITIVE, 1000.0),
@@ -171,6 +173,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "pose_flange_tcp": _POSE,
     "pose_from": _POSE,
     "pose_from_to": _POSE,
+    "position_count": _COUNT,
     "q_rad": _ANGLES,
     "qd_rad_s": _SPEEDS,
     "qdd_rad_s2": _six("joint accelerations", "rad/s2", _SENDABLE),
@@ -189,6 +192,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "servoj_lookahead_s": _LOOKAHEAD,
     "silence_s": _PERIOD,
     "size": Quantity("edge lengths", "m", _POSITIVE, 100.0, 3),
+    "speed_count": _COUNT,
     "speed_m_s": _SPEED,
     "speed_rad_s": _SPEED,
     "start_rad": _ANGLES,

@@ -8,7 +8,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.machine import ControllerConfig
 from emulator.physics import SCENE_FILES, PhysicsPlan, read_physics
 from emulator.ports import PORTS
@@ -29,6 +28,7 @@ from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
 from urproto.ports import LAST_PORT
 from urproto.robotapi import WEB_SERVER
+from urproto.robotiq import MODELS, GripperModel
 from urproto.robots import Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints

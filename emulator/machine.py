@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from emulator.devices.robotiq import GripperModel
 from emulator.devices.tool_line import ToolLine
 from emulator.io.encoders import Encoders
 from emulator.io.signals import BaseLight, ForceInput, ModbusRegisters, Registers, Signals
@@ -31,6 +30,7 @@ from emulator.workshare import WorkShare
 from emulator.world.world import Plan
 from urproto.facts import Personality, Situation, find, release_of
 from urproto.modes import RuntimeState
+from urproto.robotiq import GripperModel
 from urproto.robots import RobotModel
 from urproto.robots.pose import Pose
 from urproto.vectors import Vector6

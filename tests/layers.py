@@ -51,6 +51,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "client.dashboard_commands",
             "client.dashboard_on_x",
             "client.errors",
+            "client.gripper",
             "client.modbus",
             "client.primary",
             "client.quantities",

@@ -17,6 +17,9 @@ from client.driver.config import ROBOT_PORTS, read_settings
 from client.errors import Ros2Error
 from urproto.errors import URError
 from urproto.ports import CAMERA_PORT
+from urproto.robotiq import MODELS
+from urproto.robotiq import PORT as GRIPPER_PORT
+from urproto.text import unknown
 
 if TYPE_CHECKING:
     import socket
@@ -57,6 +60,12 @@ def ros2_command(
             "launch files, print the file to source, and exit.",
         ),
     ] = False,
+    gripper: Annotated[
+        str, typer.Option(help="Gripper on the arm: robotiq-2f-85, robotiq-2f-140 or robotiq-hand-e.")
+    ] = "",
+    gripper_port: Annotated[
+        int | None, typer.Option("--gripper-port", help="Port of the gripper's software, if not the usual one.")
+    ] = None,
     camera: CameraNames = None,
     camera_rate: CameraRate = _CAMERA_HZ,
     camera_port: CameraPort = None,
@@ -83,6 +92,8 @@ def ros2_command(
 ) -> None:
     """Run the ROS 2 driver: nodes, topics, services and actions as in ur_robot_driver. See docs/ros2.md."""
     cameras = CameraOptions(robot_ip, camera_port or CAMERA_PORT + port_offset, camera or (), camera_rate)
+    if gripper and gripper not in MODELS:
+        raise typer.BadParameter(f"--gripper: {unknown('gripper', gripper, MODELS)}")
     try:
         settings = read_settings(driver or ())
     except ValueError as error:
@@ -111,6 +122,8 @@ def ros2_command(
         use_sim_time=use_sim_time,
         namespace=namespace,
         domain=domain,
+        gripper=gripper,
+        gripper_port=gripper_port or GRIPPER_PORT + port_offset,
         cameras=tuple(cameras.names),
         camera_port=cameras.port,
         camera_hz=cameras.rate_hz,

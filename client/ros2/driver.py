@@ -19,11 +19,13 @@ from client.controllers.broadcasters import JointStateBroadcaster
 from client.controllers.configuration import trajectory_controller
 from client.controllers.running import RunningManager
 from client.errors import Ros2Error
+from client.gripper import GripperClient
 from client.ros2.cameras import CameraNode
 from client.ros2.control_side import RUNNING, SIDE, ControllerFacts, ControlSide, RobotFacts
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.dashboard import DashboardNode
+from client.ros2.gripper import GripperNode
 from client.ros2.host import NodeHost, RemoteController, in_thread
 from client.ros2.options import DriverOptions
 from client.ros2.publishing import ClockPublisher, Outbox
@@ -112,6 +114,10 @@ class Ros2Driver:
         await in_thread(lambda: host.spin(host.node(facts.component.lower())))
         for kind in ((DashboardNode,) if options.dashboard_client else ()) + (StateHelperNode, URScriptNode):
             await self._open(opening, kind, host, facts.config)
+        if options.gripper:
+            gripper = GripperClient(options.robot_ip, options.gripper_port)
+            opening.push_async_callback(gripper.close)
+            await self._open(opening, GripperNode, host, gripper, options.gripper, scene)
         if options.cameras:
             await self._open_cameras(opening, host)
         follows = options.initial_controller or trajectory_controller(facts.types)

@@ -7,6 +7,7 @@ from typing import Final
 from client.controllers.running import ManagerOptions
 from client.errors import Ros2Error
 from urproto.ports import CAMERA_PORT
+from urproto.robotiq import PORT as GRIPPER_PORT
 
 _PREFIX: Final = re.compile(r"|[A-Za-z_][A-Za-z0-9_]*")
 
@@ -17,8 +18,8 @@ class DriverOptions(ManagerOptions):
 
     namespace: of all nodes. domain: ROS domain, None for ROS_DOMAIN_ID. dashboard_client, robot_state_publisher:
     whether there are nodes of these names. use_sim_time: stamps are the robot's time, which is published as ``/clock``.
-    cameras: names of the cameras to publish; `client.cameras.ALL_CAMERAS` for
-    all. camera_port: the emulator's camera port. camera_hz: images per second of each.
+    gripper: name in `urproto.robotiq.MODELS`; empty for none. cameras: names of the cameras to publish;
+    `client.cameras.ALL_CAMERAS` for all. camera_port: the emulator's camera port. camera_hz: images per second of each.
     """
 
     namespace: str = ""
@@ -27,6 +28,8 @@ class DriverOptions(ManagerOptions):
     dashboard_client: bool = True
     robot_state_publisher: bool = True
     use_sim_time: bool = False
+    gripper: str = ""
+    gripper_port: int = GRIPPER_PORT
     cameras: tuple[str, ...] = ()
     camera_port: int = CAMERA_PORT
     camera_hz: float = 10.0

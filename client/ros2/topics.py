@@ -7,7 +7,7 @@ controller's private topics (``~/``) are below its name; /tf is the same in ever
 import math
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final
 
@@ -46,12 +46,14 @@ class PublishingContext:
     """Data that messages need in addition to what controllers publish.
 
     prefix: for the names of joints and frames. states: names of all state interfaces. frames: the arm's, if its model
-    is known. sec, nanosec: current wall time.
+    is known. joints: positions and velocities of joints that do not belong to the arm; set as whole tuples by any
+    thread. sec, nanosec: current wall time.
     """
 
     prefix: str = ""
     states: tuple[str, ...] = ()
     frames: Frames | None = None
+    joints: dict[str, tuple[float, float]] = field(default_factory=dict)
     sec: int = 0
     nanosec: int = 0
 
@@ -146,10 +148,11 @@ class Subscription:
 
 def _joint_states(message: Any, state: JointState, scene: PublishingContext) -> bool:
     scene.stamp(message.header, "base_link")
-    message.name = state.name
-    message.position = array("d", state.position)
-    message.velocity = array("d", state.velocity)
-    message.effort = array("d", state.effort)
+    others = list(scene.joints.items())
+    message.name = [*state.name, *(name for name, _ in others)]
+    message.position = array("d", (*state.position, *(position for _, (position, _) in others)))
+    message.velocity = array("d", (*state.velocity, *(velocity for _, (_, velocity) in others)))
+    message.effort = array("d", (*state.effort, *(math.nan for _ in others)))  # not measured
     return True
 
 

@@ -6,8 +6,7 @@
         gripper.advance(0.002, powered=True)
 
 Positions are the gripper's own counts: 0 open, 255 closed; the fingers stop before either.
-Facts: the maker's instruction manual (variables, status and fault codes, speeds), and the
-programs and clients of the ASCII interface.
+Facts: the maker's instruction manual, and the programs and clients of the ASCII interface.
 """
 
 from collections.abc import Mapping
@@ -15,95 +14,21 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from urproto.compat import IntEnum
+from urproto.robotiq import FULL, Fault, GripperModel, ObjectStatus, Status
 
 SLAVE_ID: Final = 9  # of a gripper as delivered
-_FULL: Final = 255
 _ACTIVATION_SPEED: Final = 255  # as SPE (guess)
 _RELEASE_SPEED: Final = 0  # as SPE: automatic release is slow
 # as `GET DST` reports them; the names are from the maker's programs
 _DRIVER_LISTENS: Final = 1
 _DRIVER_RUNS: Final = 4
 _WRITABLE: Final[Mapping[str, int]] = {  # name: greatest value
-    "ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "POS": _FULL, "SPE": _FULL, "FOR": _FULL,
+    "ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "POS": FULL, "SPE": FULL, "FOR": FULL,
     # of the maker's other grippers; stored without effect, because the maker's programs read them all
-    "MOD": _FULL, "LBP": _FULL, "LRD": _FULL, "LBL": _FULL, "LGN": _FULL, "MSC": _FULL,
+    "MOD": FULL, "LBP": FULL, "LRD": FULL, "LBL": FULL, "LGN": FULL, "MSC": FULL,
 }  # fmt: skip
 _ALIASES: Final = {"ADR": "ARD"}  # as a widespread client spells it
 _TEXTS: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class GripperModel:
-    """One model of gripper.
-
-    stroke_mm: from closed to open. slowest, fastest: finger speeds [mm/s] at SPE 0 and 255.
-    open_stop, closed_stop: counts at the mechanical stops; the opening is linear between them.
-    """
-
-    title: str
-    stroke_mm: float
-    slowest: float
-    fastest: float
-    open_stop: int = 3  # both stops: from the maker's calibration in a program for one 2F-85
-    closed_stop: int = 230
-
-    @property
-    def counts_per_mm(self) -> float:
-        """Counts of one millimetre of opening."""
-        return (self.closed_stop - self.open_stop) / self.stroke_mm
-
-    def count(self, width_mm: float) -> float:
-        """The count at an opening."""
-        return self.closed_stop - width_mm * self.counts_per_mm
-
-    def width_mm(self, count: float) -> float:
-        """The opening at a count."""
-        return (self.closed_stop - count) / self.counts_per_mm
-
-    def speed(self, spe: int) -> float:
-        """Counts/s at a value of SPE."""
-        return (self.slowest + (self.fastest - self.slowest) * spe / _FULL) * self.counts_per_mm
-
-
-MODELS: Final[Mapping[str, GripperModel]] = {  # strokes and speeds: the maker's specifications
-    "robotiq-2f-85": GripperModel(title="Robotiq 2F-85", stroke_mm=85.0, slowest=20.0, fastest=150.0),
-    "robotiq-2f-140": GripperModel(title="Robotiq 2F-140", stroke_mm=140.0, slowest=30.0, fastest=250.0),
-    "robotiq-hand-e": GripperModel(title="Robotiq Hand-E", stroke_mm=50.0, slowest=20.0, fastest=150.0),
-}
-
-
-class Status(IntEnum):
-    """``STA``."""
-
-    RESET = 0
-    ACTIVATING = 1
-    ACTIVE = 3
-
-
-class ObjectStatus(IntEnum):
-    """``OBJ``."""
-
-    MOVING = 0
-    HELD_OPENING = 1
-    HELD_CLOSING = 2
-    AT_REQUEST = 3
-
-
-class Fault(IntEnum):
-    """``FLT``; those from UNDER_VOLTAGE on need a reset."""
-
-    NONE = 0x00
-    ACTION_DELAYED = 0x05
-    NOT_ACTIVATED = 0x07
-    OVER_TEMPERATURE = 0x08
-    NO_COMMUNICATION = 0x09
-    UNDER_VOLTAGE = 0x0A
-    RELEASING = 0x0B
-    INTERNAL = 0x0C
-    ACTIVATION = 0x0D
-    OVER_CURRENT = 0x0E
-    RELEASED = 0x0F
 
 
 class Phase(Enum):
@@ -176,7 +101,7 @@ class Gripper:
         self._stopped: bool | None = None  # by an object in a scene; None without a scene
         self._moving = False
         self._closing = True  # the direction the fingers moved last
-        self._set: dict[str, int] = dict.fromkeys(_WRITABLE, 0) | {"SPE": _FULL, "FOR": _FULL}  # guess: full
+        self._set: dict[str, int] = dict.fromkeys(_WRITABLE, 0) | {"SPE": FULL, "FOR": FULL}  # guess: full
         self._read = {
             "POS": lambda: f"{round(self.position)}",
             "PRE": lambda: f"{self._set['POS']:03d}",  # three digits, FLT two: the maker's programs count them
@@ -277,7 +202,7 @@ class Gripper:
         goal = self._goal()
         if goal is None or not self.powered:
             return None
-        share = self._set["FOR"] / _FULL if self.phase is Phase.ACTIVE else 0.0  # activation: gently (guess)
+        share = self._set["FOR"] / FULL if self.phase is Phase.ACTIVE else 0.0  # activation: gently (guess)
         per_s = self.model.speed(self._spe()) / self.model.counts_per_mm
         return Drive(self.model.width_mm(goal), per_s, share)
 

@@ -7,12 +7,12 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from emulator.devices.robotiq import GripperModel
 from emulator.physics.description import Barrier, Camera, Mounted, moving_of, read, section
 from emulator.physics.grippers import GripperShape, parallel_gripper, robotiq_gripper
 from emulator.physics.plan import STEP_S, Cup, MountedShape, PhysicsPlan, Plate
 from emulator.world.world import World, WorldError
 from urproto.extras import how_to_install
+from urproto.robotiq import GripperModel
 from urproto.robots import RobotModel
 from urproto.text import quoted
 from urproto.worldfile import ObjectDescription, WorldFileError, read_description, read_world_file

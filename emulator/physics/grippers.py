@@ -4,19 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from emulator.devices.robotiq import GripperModel
 from emulator.physics.description import Parallel
+from urproto.robotiq import GripperModel
 from urproto.vectors import Vector3
 
 GRIPPER: Final = "gripper"
 """Name of the gripper of ``--gripper``."""
 
-# Source of masses and forces: the maker's specifications. Outer dimensions are close to its drawings. That the fingers
-# move along the flange's y axis is a guess; that they stay parallel and at one height is a simplification.
+# Source of masses: the maker's specifications. Outer dimensions are close to its drawings. That the fingers move along
+# the flange's y axis is a guess; that they stay parallel and at one height is a simplification.
 _ROBOTIQ: Final = {
-    "Robotiq 2F-85": ((0.0375, 0.115), (0.008, 0.022, 0.048), 0.925, (20.0, 235.0)),
-    "Robotiq 2F-140": ((0.0375, 0.145), (0.010, 0.025, 0.085), 1.025, (10.0, 125.0)),
-    "Robotiq Hand-E": ((0.0375, 0.115), (0.008, 0.022, 0.042), 1.07, (20.0, 130.0)),
+    "Robotiq 2F-85": ((0.0375, 0.115), (0.008, 0.022, 0.048), 0.925),
+    "Robotiq 2F-140": ((0.0375, 0.145), (0.010, 0.025, 0.085), 1.025),
+    "Robotiq Hand-E": ((0.0375, 0.115), (0.008, 0.022, 0.042), 1.07),
 }
 _JAW_KG: Final = 0.5  # of a gripper on outputs (guess)
 
@@ -49,7 +49,7 @@ class GripperShape:
 
 def robotiq_gripper(model: GripperModel) -> GripperShape:
     """The shape of a gripper of ``--gripper``."""
-    palm, pad, mass, force = _ROBOTIQ[model.title]
+    palm, pad, mass = _ROBOTIQ[model.title]
     return GripperShape(
         name=GRIPPER,
         pose=(0.0,) * 6,
@@ -57,7 +57,7 @@ def robotiq_gripper(model: GripperModel) -> GripperShape:
         palm=palm,
         pad=pad,
         mass=mass,
-        force=force,
+        force=(model.weakest, model.strongest),
     )
 
 

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from emulator.commands.requests import GripperCall
 from emulator.controller import Controller
 from emulator.devices.gripper_requests import GripperSession
-from emulator.devices.robotiq import MODELS, TRANSITIONS, Event, Fault, Gripper, ObjectStatus, Phase, Status
+from emulator.devices.robotiq import TRANSITIONS, Event, Gripper, Phase
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
-from urproto.robotiq import Get, RequestDecoder
+from urproto.robotiq import MODELS, Fault, Get, ObjectStatus, RequestDecoder, Status
 from urproto.robots import load_model
 
 PERIOD_S = 0.002

@@ -17,6 +17,7 @@ from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
 from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
+from urproto.robotiq import GripperModel
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 
@@ -64,6 +65,7 @@ def emulator(
     speed: float = 1.0,
     *,
     dynamic: bool = False,
+    gripper: GripperModel | None = None,
 ) -> Emulator:
     """One with its brakes released, not entered yet. Torques move it only when it is dynamic, as in URSim."""
     chosen = PolyscopeVersion.parse(version) if version else None
@@ -74,6 +76,7 @@ def emulator(
         running=True,
         programs_dir=programs_dir,
         dynamic=dynamic,
+        gripper=gripper,
     )
     config = EmulatorConfig(controller=controller, ephemeral_ports=True, speed=speed)
     return Emulator(config, PatientClock(controller.model.series.period_s, speed))

@@ -19,7 +19,6 @@ from emulator.control.http import ControlServer
 from emulator.control.timing import ManualPace
 from emulator.control.verbs import verbs_of
 from emulator.controller import Controller
-from emulator.devices.robotiq import MODELS
 from emulator.faults.injector import FaultInjector
 from emulator.machine import ControllerConfig
 from emulator.reports import write_crash
@@ -27,6 +26,7 @@ from tests.budget import examples
 from urproto.modes import RobotMode, RuntimeState
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import PopupMessage, TextMessage
+from urproto.robotiq import MODELS
 from urproto.robots import load_model
 from urproto.text import from_bytes, readable, to_bytes
 from urproto.versions import PolyscopeVersion

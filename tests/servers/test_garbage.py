@@ -9,7 +9,6 @@ from server_rig import MemoryClient
 
 from emulator.app import make_servers
 from emulator.controller import Controller
-from emulator.devices.robotiq import MODELS
 from emulator.devices.tool_line import EchoDevice, SerialSettings
 from emulator.machine import ControllerConfig
 from emulator.servers.port import PortServer
@@ -17,6 +16,7 @@ from tests.budget import examples
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.state import RobotStateData
 from urproto.realtime import RealtimeDecoder
+from urproto.robotiq import MODELS
 from urproto.robots import load_model
 from urproto.rtde.codec import RequestProtocol, RTDEDecoder, SetupInputs, SetupOutputs, Start
 

@@ -8,7 +8,6 @@ import pytest
 from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.config import ConfigError, EmulatorConfig, choose_gripper
-from emulator.devices.robotiq import MODELS, Status
 from emulator.machine import ControllerConfig
 from emulator.ports import PORTS
 from emulator.readiness import check_ready
@@ -19,7 +18,7 @@ from emulator.services.sockets import ScriptNetwork
 from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
 from urproto.primary.messages import TextMessage
-from urproto.robotiq import Get
+from urproto.robotiq import MODELS, Get, Status
 from urproto.robots import load_model
 
 HOST = "127.0.0.1"

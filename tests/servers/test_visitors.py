@@ -11,12 +11,12 @@ from server_rig import E_SERIES, FakeController, MemoryClient
 
 from emulator.app import make_servers
 from emulator.controller import Controller
-from emulator.devices.robotiq import MODELS
 from emulator.machine import ControllerConfig
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer
 from emulator.servers.web import Opening, Visitor, visitor
 from tests.budget import examples
+from urproto.robotiq import MODELS
 from urproto.robots import load_model
 from urproto.rtde.codec import InputData, SetupInputs
 

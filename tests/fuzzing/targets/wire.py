@@ -131,9 +131,10 @@ def modbus_frames(data: bytes) -> None:
                 modbus.decode_response(request, frame.pdu)
 
 
-@target(b"\2SET ACT 1 GTO 1\nGET POS\nGET SID\nSET POS 1e300\n", b"\2GET STA")
+@target(b"\2SET ACT 1 GTO 1\nGET POS\nGET SID\nSET POS 1e300\n", b"\2GET STA", b"\2ackPOS 3\nnack\n")
 def gripper_requests(data: bytes) -> None:
     in_any_split(robotiq.RequestDecoder, data)
+    in_any_split(robotiq.ReplyDecoder, data)
     decoder = robotiq.RequestDecoder()
     with suppress(RemoteProtocolError):
         decoder.feed(data)
