@@ -13,13 +13,13 @@ PROGRAM += "  while True:\n    sync()\n  end\nend\n"
 
 def started_at(robot, text=PROGRAM):
     """Steps until a program plays, and the first of its numbers."""
-    robot.send_script(text)
     began = robot.controller.step_count
+    robot.send_script(text)
     robot.run_until("runtime_state == PLAYING")
     took = robot.controller.step_count - began
     robot.step(100)
     drawn = robot.controller.programs.variables["x0"]
-    robot.stop_program()
+    robot.dashboard("stop")
     robot.run_until("runtime_state == STOPPED")
     return took, drawn
 
