@@ -22,8 +22,11 @@ from emulator.control.metrics import metrics
 from emulator.control.timing import ManualPace
 from emulator.controller import Controller
 from emulator.devices.tool_line import SerialDevice
+from emulator.faults.catalogue import describe
 from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
+from emulator.journal.file import JournalWriter
+from emulator.journal.recorder import Recorder, header_of
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
@@ -45,6 +48,7 @@ from emulator.servers.tool_device import ToolCommunicationServer, open_tool_devi
 from emulator.snapshot import Snapshot
 from urproto.compat import Self
 from urproto.dashboard import AVAILABLE as DASHBOARD
+from urproto.durable import growing
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
 from urproto.rtde.fields import AVAILABLE as RTDE
@@ -65,9 +69,11 @@ class Emulator:
     hooks of the servers are kept.
     """
 
-    def __init__(self, config: EmulatorConfig, clock: Clock | None = None) -> None:
+    def __init__(
+        self, config: EmulatorConfig, clock: Clock | None = None, controller: Controller | None = None
+    ) -> None:
         self.config = config
-        self.controller = Controller(config.controller)
+        self.controller = controller or Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, Port] = {}
         self._control_server: ControlServer | None = None
@@ -94,6 +100,7 @@ class Emulator:
         self._services = AsyncExitStack()  # ports and outgoing connections, open while the controller is on
         self._power = PowerSwitch()
         self._reported = ReportedErrors()
+        self._recorder: Recorder | None = None
 
     @property
     def ports(self) -> dict[str, int]:
@@ -112,6 +119,8 @@ class Emulator:
     async def __aenter__(self) -> Self:
         """Open the ports and start the clock. Raises OSError for a port that cannot be opened."""
         async with AsyncExitStack() as starting:
+            starting.callback(self._end_journal)
+            self._begin_journal()
             if self.config.tool_device is not None:
                 self._line, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
             starting.push_async_callback(self._stop_services)
@@ -136,9 +145,31 @@ class Emulator:
         """Inject faults. Raises ConfigError for a fault that this robot cannot have."""
         for fault in faults:
             try:
-                self.faults.inject(fault)
+                self._inject(fault)
             except (FaultError, FaultImpossibleError) as error:
                 raise ConfigError(f"fault {fault.kind}: {error}") from error
+
+    def _inject(self, fault: Fault) -> None:
+        if self._recorder is None:
+            self.faults.inject(fault)
+        else:
+            arguments = {"kind": fault.kind, **describe(fault)}
+            self._recorder.called("inject_fault", arguments, lambda: self.faults.inject(fault))
+
+    # the journal
+
+    def _begin_journal(self) -> None:
+        """Record from now on. Raises OSError for a file that cannot be written."""
+        if self.config.journal is not None:
+            writer = JournalWriter(growing(self.config.journal), background=True)
+            self._recorder = Recorder(writer, header_of(self.config.controller))
+            self._recorder.attach(self.controller)
+            self.control.on_call = self._recorder.called
+
+    def _end_journal(self) -> None:
+        if self._recorder is not None:
+            self._recorder.close()
+            self.controller.recorder = self.control.on_call = None
 
     # servers and connections of the controller
 
@@ -173,6 +204,8 @@ class Emulator:
             modbus = ModbusClient(self.config.modbus_unit_port, self._own_ports)
             opening.push_async_callback(modbus.close)
             controller.programs.modbus.backend = modbus
+            if self._recorder is not None:
+                self._recorder.wrap_backends(controller)
             self._services = opening.pop_all()
 
     async def _stop_services(self) -> None:
@@ -231,6 +264,8 @@ class Emulator:
         before.programs.stop("the controller was off")
         await self._stop_services()
         self.controller = rebooted(before, self._power.boot_s, self._power.periods_off * before.period_s)
+        if self._recorder is not None:
+            self._recorder.rebooted(self.controller, self._power.boot_s, self._power.periods_off)
         self._renew_servers()
         await self._retry_start_services({name: ports[name] for name in ports if name != "control"})
         self.control.switched_on(self.controller)

@@ -107,6 +107,7 @@ class EmulatorConfig:
     machines can reach the API.
     client_limits: maximum number of clients of each port.
     faults: faults to inject, at the start or later.
+    journal: file that records the run.
     """
 
     controller: ControllerConfig
@@ -124,6 +125,7 @@ class EmulatorConfig:
     control_token: str = ""
     client_limits: ClientLimits = field(default_factory=ClientLimits)
     faults: tuple["Fault", ...] = ()
+    journal: Path | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
@@ -206,6 +208,7 @@ def controller_config(
     ``fields``: any fields of `ControllerConfig`, by name. Files are read and values checked. Raises ConfigError, and
     TypeError for a name that is neither an option nor a field.
     """
+    given = {name: value for name, value in locals().items() if name not in ("model", "fields")} | fields
     chosen, dynamic = choose_arm(model, polyscope, arm)
     if dynamic and find_spec("pinocchio") is None:
         _logger.warning("without Pinocchio, a dynamic arm takes five times the time: %s", how_to_install("pinocchio"))
@@ -237,6 +240,7 @@ def controller_config(
         safety=safety if isinstance(safety, SafetyConfiguration) else read_safety(_path(safety), chosen),
         external_control=read_driver_address(external_control),
         world=surroundings,
+        options=given,
         **{"dynamic": dynamic, **fields},
     )
 

@@ -25,7 +25,7 @@ from emulator.io.signals import BaseLight, ForceInput, ModbusRegisters, Register
 from emulator.lifecycle.power import Power, PowerEvent, PowerState
 from emulator.lifecycle.runstate import START_S, Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
-from emulator.machine import ControllerConfig, Machine
+from emulator.machine import ControllerConfig, InputRecorder, Machine
 from emulator.mailbox import Command, Mailbox, Reply
 from emulator.motion import Motion, MotionFault
 from emulator.programs.runner import Programs
@@ -134,6 +134,7 @@ class Controller(Machine):
         self.on_tick: list[Callable[[], None]] = []
         self.snapshot_hooks: list[Callable[[Snapshot], None]] = []
 
+        self.recorder: InputRecorder | None = None
         self.guard = Guard(self, self.programs, self.safety_board)
         self.safety_board.on_restart = self.guard.restarted
         self.last_good_q = self.motion.q  # position in the last period with a plausible state
@@ -187,6 +188,8 @@ class Controller(Machine):
 
     def post(self, command: Command, reply: Reply | None = None) -> None:
         """Queue a command for the next tick. ``reply`` is called with its answer, once."""
+        if self.recorder is not None:
+            self.recorder.posted(command)
         self._mailbox.post(command, reply)
 
     @property
@@ -201,6 +204,8 @@ class Controller(Machine):
 
     def tick(self) -> Snapshot:
         """Advance one control period; returns its snapshot. Raises nothing."""
+        if (recorder := self.recorder) is not None:
+            recorder.begin()
         self.step_count += 1
         for name, stage in self._stages:
             try:
@@ -217,6 +222,8 @@ class Controller(Machine):
                 callback(self.snapshot)
             except Exception as error:
                 self.guard.listener_failed(callback, error)
+        if recorder is not None:
+            recorder.end(self.snapshot)
         return self.snapshot
 
     # interface for programs, commands and faults

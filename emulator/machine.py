@@ -5,6 +5,7 @@ everything they may access; `emulator.controller.Controller` implements it.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -60,7 +61,8 @@ class ControllerConfig:
     wall_clock_s: date and time of the start [s since 1970, GMT]; constant unless given.
     world: the objects around the arm; None for none.
     dynamic: torques move the arm, which follows its targets as well as servo loops can, with noisy measurements;
-    otherwise, it is exactly at its targets. seed: of the noise.
+    otherwise, it is exactly at its targets. seed: of the noise, and of ``random()``.
+    options: of the command line, from which all this was made, if it was; for journals.
     """
 
     model: RobotModel
@@ -85,6 +87,7 @@ class ControllerConfig:
     external_control: DriverAddress = field(default_factory=DriverAddress)
     world: Plan | None = None
     timings: PowerTimings | None = None
+    options: Mapping[str, Any] | None = field(default=None, compare=False, repr=False)
 
     @property
     def situation(self) -> Situation:
@@ -101,6 +104,19 @@ class ControllerConfig:
     def start_q(self) -> Vector6:
         """Joint angles when the controller starts [rad]."""
         return find("start_q", self.situation).six if self.initial_q is None else self.initial_q
+
+
+class InputRecorder(Protocol):
+    """Records what enters a controller; see `emulator.journal`."""
+
+    def posted(self, command: Any) -> None:
+        """A command was posted."""
+
+    def begin(self) -> None:
+        """A control period begins."""
+
+    def end(self, snapshot: Snapshot) -> None:
+        """A control period is over."""
 
 
 class ProgramControl(Protocol):

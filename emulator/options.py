@@ -153,6 +153,9 @@ class RobotOptions(ControllerOptions):
         list[str] | None,
         typer.Option(metavar="KIND,NAME=VALUE,...", help="Fault to inject (docs/faults.md). Repeatable."),
     ] = None
+    journal: Annotated[
+        Path | None, typer.Option(help="Record the run in this file, for ur-emulator replay (docs/journal.md).")
+    ] = None
     most_clients: Annotated[int, typer.Option(help="Maximum number of clients of each port.")] = 256
     most_clients_per_address: Annotated[
         int | None, typer.Option(help="Maximum number of a port's clients from one address (default: half).")

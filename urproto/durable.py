@@ -15,7 +15,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 _NEW: Final = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)  # Windows would translate line ends
 _YIELD_S: Final = 0.0003  # per control period; without it, many pass in virtual time until the disk is done
@@ -202,3 +202,8 @@ def _sync(path: Path, flags: int) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def growing(path: Path) -> BinaryIO:
+    """Open a file for what is recorded as it happens: what was written survives the process. Raises OSError."""
+    return open(path, "wb", buffering=0)

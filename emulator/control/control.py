@@ -4,7 +4,9 @@ The verbs of each subject form a separate class, which is independent of the oth
 such a class; to add a subject, name its class in ``SUBJECTS`` and among the bases of ``_Methods``.
 """
 
+import inspect
 from collections.abc import Callable, Mapping
+from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 from emulator.control.installation import InstallationVerbs
@@ -70,6 +72,8 @@ class FaultVerbs(Verbs):
 class PortVerbs(Verbs):
     """Verbs about a robot's ports and their clients. ``pendant_report``: returns the state of the teach pendant."""
 
+    changes = False
+
     def __init__(
         self, robot: ControlledRobot, ports: Mapping[str, Port], pendant_report: Callable[[], dict[str, Any]]
     ) -> None:
@@ -122,7 +126,11 @@ else:
 
 
 class Control(_Methods):
-    """The verbs of a robot, each as a method. ``pace``: controls how its time advances."""
+    """The verbs of a robot, each as a method. ``pace``: controls how its time advances.
+
+    ``on_call``: if set, called with the name, the arguments and the call of each verb that may change the robot, to
+    make the call and return its result; for journals.
+    """
 
     SUBJECTS: ClassVar[tuple[type[Verbs], ...]] = (
         FaultVerbs,
@@ -138,6 +146,7 @@ class Control(_Methods):
     def __init__(self, robot: ControlledRobot, pace: Pace, faults: FaultInjector) -> None:
         self._robot = robot
         self.pace = pace
+        self.on_call: Callable[[str, dict[str, Any], Callable[[], Any]], Any] | None = None
         self._take(FaultVerbs(robot, faults))
         self._take(TimeVerbs(robot, pace))
         for subject in (ProgramVerbs, InstallationVerbs, WorldVerbs, ModeVerbs, SignalVerbs, StateVerbs):
@@ -150,7 +159,19 @@ class Control(_Methods):
 
     def _take(self, subject: Verbs) -> None:
         """Add the verbs of a subject as methods."""
-        vars(self).update(methods_of(subject))
+        for name, method in methods_of(subject).items():
+            vars(self)[name] = self._recorded(name, method) if subject.changes else method
+
+    def _recorded(self, name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(method)
+        def call(*values: Any, **named: Any) -> Any:
+            if self.on_call is None:
+                return method(*values, **named)
+            arguments = inspect.signature(method).bind(*values, **named).arguments
+            arguments.update(arguments.pop("arguments", {}) if name == "inject_fault" else {})
+            return self.on_call(name, arguments, lambda: method(*values, **named))
+
+        return call
 
 
 class _VirtualMachine(ControlledRobot):

@@ -105,6 +105,8 @@ class ManualPace:
 class TimeVerbs(Verbs):
     """Verbs about time."""
 
+    changes = False
+
     def __init__(self, robot: ControlledRobot, pace: Pace) -> None:
         super().__init__(robot)
         self._pace = pace

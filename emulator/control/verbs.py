@@ -4,7 +4,7 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar, get_type_hints
 
 import msgspec
 
@@ -33,7 +33,12 @@ class ControlledRobot(ABC):
 
 
 class Verbs:
-    """The verbs of one subject: methods marked by `verb`, which run between two control periods."""
+    """The verbs of one subject: methods marked by `verb`, which run between two control periods.
+
+    changes: whether they change the robot, other than its time.
+    """
+
+    changes: ClassVar[bool] = True
 
     def __init__(self, robot: ControlledRobot) -> None:
         self._robot = robot

@@ -96,6 +96,10 @@ class FaultInjector:
         self._tidy()
         return entry.number
 
+    def skip(self) -> None:
+        """Count a fault that is not injected here, so that later ones have their numbers."""
+        self._number += 1
+
     def clear(self, number: int) -> bool:
         """End a fault, or cancel one that waits; False if it is over, or never existed."""
         found = [entry for entry in self._present if entry.number == number]

@@ -1,0 +1,244 @@
+"""Records everything that enters a controller, and what the controller made of it, so that a replay can be checked.
+
+    recorder = Recorder(JournalWriter(open("run.journal", "wb")), header_of(config))
+    recorder.attach(controller)
+
+A checksum of where the arm is to be and is, and of the modes, is kept for each control period, and all values once a
+second: a replay that differs names the first period, and what differs in the second after it.
+"""
+
+import logging
+import platform
+import struct
+import zlib
+from array import array
+from base64 import b64encode
+from collections.abc import Callable, Generator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from emulator.commands.requests import DashboardLine
+from emulator.controller import Controller
+from emulator.journal.doors import RecordedDevice, RecordedModbus, RecordedSockets, plain_values
+from emulator.journal.file import FORMAT, JournalWriter, Record
+from emulator.journal.values import JournalValueError, Numbers, encode
+from emulator.machine import ControllerConfig
+from emulator.mailbox import Command
+from emulator.robotapi.server import RobotApiCall
+from emulator.snapshot import Snapshot
+
+_STATE: Final = struct.Struct("<18d3i")
+_MAX_FILES: Final = 32 * 1024 * 1024  # bytes of files in a journal; guess
+_PROGRAM_FILES: Final = (".urp", ".urpx", ".script", ".installation", ".variables")
+
+_logger = logging.getLogger(__name__)
+
+
+def product_version() -> str:
+    """The version of this package."""
+    return version("ur-emulator")
+
+
+def checksum(snapshot: Snapshot) -> int:
+    """Of one control period."""
+    modes = int(snapshot.robot_mode), int(snapshot.safety_mode), int(snapshot.runtime_state)
+    return zlib.crc32(_STATE.pack(*snapshot.target_q, *snapshot.target_qd, *snapshot.actual_q, *modes))
+
+
+def header_of(config: ControllerConfig) -> dict[str, Any]:
+    """The first record's content: from which options and files the controller is made again."""
+    files = _Files()
+    return {
+        "format": FORMAT,
+        "product": product_version(),
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "model": config.model.name,
+        "wall_clock_s": config.wall_clock_s,
+        "options": {name: files.option(name, value) for name, value in (config.options or {}).items()},
+        "files": files.contents,
+        "problem": files.problem if config.options is not None else "it was not made from options",
+    }
+
+
+class _Files:
+    """The files that options name. contents: of each option, relative path -> base64. problem: why one is missing."""
+
+    def __init__(self) -> None:
+        self.contents: dict[str, dict[str, str]] = {}
+        self.problem = ""
+        self._room = _MAX_FILES
+
+    def option(self, name: str, value: Any) -> Any:
+        """The value for the journal: of a file or folder, its name below the option's own folder."""
+        if isinstance(value, Path) or (isinstance(value, str) and name != "model" and Path(value).exists()):
+            path = Path(value)
+            if path.is_dir():
+                self._add(name, path, [file for file in sorted(path.rglob("*")) if file.suffix in _PROGRAM_FILES])
+                return {"folder": name}
+            if path.is_file():
+                beside = sorted(path.parent.rglob("*")) if name == "world" else [path]
+                self._add(name, path.parent, beside)
+                return {"folder": name, "file": path.name}
+        if isinstance(value, tuple):
+            return list(value)
+        if not isinstance(value, bool | int | float | str | list | dict | None):
+            self.problem = f"the journal cannot contain the option {name}, an object: give a file"
+            return None
+        return value
+
+    def _add(self, option: str, folder: Path, files: list[Path]) -> None:
+        contents = self.contents.setdefault(option, {})
+        for file in files:
+            if not file.is_file():
+                continue
+            self._room -= file.stat().st_size
+            if self._room < 0:
+                self.problem = f"the files of {option} are larger than {_MAX_FILES // 2**20} MB"
+                return
+            contents[file.relative_to(folder).as_posix()] = b64encode(file.read_bytes()).decode()
+
+
+class Recorder:
+    """Records one run, also across restarts of its controller. periods: that are over."""
+
+    def __init__(self, writer: JournalWriter, header: Mapping[str, Any]) -> None:
+        self.periods = 0
+        self._writer = writer
+        self._numbers = Numbers()
+        self._ticking = False
+        self._late: list[Record] = []  # of commands posted during a period, which apply to the next one
+        self._checksums = array("L")
+        self._second = 0
+        self._verbs = 0
+        self._sockets: RecordedSockets | None = None
+        self._modbus: RecordedModbus | None = None
+        self._programs_dir: Path | None = None
+        self._seen: dict[Path, tuple[int, int]] = {}
+        self._broken = False
+        self._write("run", dict(header))
+
+    def attach(self, controller: Controller) -> None:
+        """Record a controller from its first period on; call it before anything is posted."""
+        controller.recorder = self
+        self._second = round(1.0 / controller.period_s)
+        self._programs_dir = controller.config.programs_dir
+        self._seen = dict(self._program_files())
+
+    def rebooted(self, controller: Controller, boot_s: float, periods_off: int) -> None:
+        """Continue with the controller after a restart."""
+        self.periods += periods_off
+        self._write("reboot", boot_s, periods_off)
+        self.attach(controller)
+
+    def wrap_backends(self, controller: Controller) -> None:
+        """Record what its programs and its tool receive; call it when their connections are there."""
+        programs = controller.programs
+        programs.socket_backend = self._sockets = RecordedSockets(programs.socket_backend, self._write)
+        programs.modbus.backend = self._modbus = RecordedModbus(programs.modbus.backend, self._write)
+        if (device := controller.tool_line.device) is not None:
+            controller.tool_line.device = RecordedDevice(device, self._write)
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._end_second(None)
+        self._attempt(self._writer.close)
+
+    # the doors
+
+    def posted(self, command: Command) -> None:
+        """A command was posted."""
+        if isinstance(command, RobotApiCall) or (isinstance(command, DashboardLine) and "load" in command.text):
+            self._look_at_files()
+        try:
+            content = encode(command, self._numbers)
+        except JournalValueError as error:
+            _logger.error("%s", error)
+            return
+        if self._ticking:
+            self._late.append([self.periods + 1, "post", content])
+        else:
+            self._write("post", content)
+
+    def called(self, name: str, arguments: Mapping[str, Any], call: Callable[[], Any]) -> Any:
+        """Call a verb; returns its result, or its steps with an eye on whether somebody waits for their end."""
+        self._look_at_files()
+        number, self._verbs = self._verbs, self._verbs + 1
+        self._write("verb", name, encode(dict(arguments), self._numbers))
+        result = call()
+        return self._watched(number, result) if isinstance(result, Generator) else result
+
+    def _watched(self, number: int, steps: Generator[None, None, Any]) -> Generator[None, None, Any]:
+        try:
+            return (yield from steps)
+        except GeneratorExit:
+            self._write("left", number)
+            raise
+
+    def _look_at_files(self) -> None:
+        for path, state in self._program_files().items():
+            if self._seen.get(path) != state:
+                self._seen[path] = state
+                self._attempt(lambda path=path: self._write("file", *self._content(path)))  # type: ignore[misc]
+
+    def _content(self, path: Path) -> tuple[str, bytes]:
+        assert self._programs_dir is not None
+        return path.relative_to(self._programs_dir).as_posix(), path.read_bytes()
+
+    def _program_files(self) -> dict[Path, tuple[int, int]]:
+        if self._programs_dir is None:
+            return {}
+        files = [file for file in self._programs_dir.rglob("*") if file.suffix in _PROGRAM_FILES and file.is_file()]
+        return {file: (file.stat().st_mtime_ns, file.stat().st_size) for file in files}
+
+    # the periods
+
+    def begin(self) -> None:
+        """A control period begins."""
+        if self._sockets is not None:
+            self._sockets.look()
+        if self._modbus is not None:
+            self._modbus.look()
+        self._ticking = True
+
+    def end(self, snapshot: Snapshot) -> None:
+        """A control period is over."""
+        self._ticking = False
+        self.periods += 1
+        if self._sockets is not None:
+            self._sockets.rest()
+        for record in self._late:
+            self._add(record)
+        self._late.clear()
+        self._checksums.append(checksum(snapshot))
+        if self.periods % self._second == 0:
+            self._end_second(snapshot)
+
+    def _end_second(self, snapshot: Snapshot | None) -> None:
+        values = None if snapshot is None else plain_values(snapshot)
+        sums = struct.pack(f"!{len(self._checksums)}I", *self._checksums)
+        self._add([self.periods, "state", b64encode(sums).decode(), values])
+        del self._checksums[:]
+        self._attempt(self._writer.flush)
+
+    def _write(self, kind: str, *content: Any) -> None:
+        self._add(
+            [self.periods, kind, *(encode(part, self._numbers) if kind in _ENCODED else part for part in content)]
+        )
+
+    def _add(self, record: Record) -> None:
+        self._writer.add(record)
+
+    def _attempt(self, work: Callable[[], object]) -> None:
+        """A disk that is full must not end a control period: the journal ends."""
+        if self._broken:
+            return
+        try:
+            work()
+        except OSError as error:
+            self._broken = True
+            _logger.error("the journal ends here: %s", error.strerror or error)
+
+
+_ENCODED: Final = frozenset({"socket", "modbus", "tool", "file"})

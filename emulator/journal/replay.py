@@ -1,0 +1,251 @@
+"""Executes a recorded run again, in virtual time, and compares it with what was recorded."""
+
+import json
+import platform
+import struct
+import tempfile
+from base64 import b64decode
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from emulator.config import ConfigError, controller_config
+from emulator.control.control import Control
+from emulator.control.timing import ManualPace
+from emulator.control.verbs import ControlledRobot
+from emulator.controller import Controller
+from emulator.faults.fault import rebooted
+from emulator.faults.injector import FaultInjector
+from emulator.journal.doors import ReplayedDevice, ReplayedModbus, ReplayedSockets, plain_values
+from emulator.journal.file import FORMAT, JournalError, Record, read_journal
+from emulator.journal.recorder import checksum, product_version
+from emulator.journal.values import JournalValueError, Numbers, decode
+from emulator.machine import ControllerConfig
+from emulator.snapshot import Snapshot
+from urproto.controlapi import BadArguments, NotPossible
+
+_MOST_NAMED: Final = 5  # values that differ
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where a replay first differs. period: counted from the start of the run. values: name, recorded, replayed; of
+    the end of the second.
+    """
+
+    period: int
+    time_s: float
+    values: tuple[tuple[str, Any, Any], ...]
+
+    def __str__(self) -> str:
+        named = "; ".join(f"{name} is {new}, recorded {old}" for name, old, new in self.values[:_MOST_NAMED])
+        return f"period {self.period} ({self.time_s:.3f} s of robot time) differs{': ' if named else ''}{named}"
+
+
+class _Robot(ControlledRobot):
+    """A controller whose verbs' steps the replay continues."""
+
+    def wait(self, steps: Any) -> Any:
+        return steps
+
+
+class Replay:
+    """A run that is executed again. controller: as it is now. header: from which the run was made.
+
+    Raises JournalError for a journal that cannot be replayed, and whatever `read_journal` raises.
+    """
+
+    def __init__(self, source: Path | bytes) -> None:
+        self._records = read_journal(source)
+        self._folder = tempfile.TemporaryDirectory(prefix="ur-emulator-replay-")
+        first = next(self._records, None)
+        if first is None or first[1] != "run" or first[2].get("format") != FORMAT:
+            raise JournalError("the journal has no beginning")
+        self.header: dict[str, Any] = first[2]
+        if self.header["problem"]:
+            raise JournalError(f"the run cannot be replayed: {self.header['problem']}")
+        self.config = self._config()
+        self.periods = 0
+        self.difference: Difference | None = None
+        self.checked = 0  # periods that were compared with the recorded ones
+        self._numbers = Numbers()
+        self._sums: list[int] = []
+        self._steps: dict[int, Generator[None, None, Any]] = {}
+        self._verbs = 0
+        self._first_bad: tuple[int, float] | None = None
+        self._sockets, self._modbus = ReplayedSockets(), ReplayedModbus()
+        self._device = ReplayedDevice(lambda: self.periods)
+        self.controller = Controller(self.config)
+        self._robot = _Robot(self.controller)
+        self._faults = FaultInjector(self.controller, machine=_NoPower())
+        self._control = Control(self._robot, ManualPace(), self._faults)
+        self._connect()
+
+    def close(self) -> None:
+        """Remove the files of the run."""
+        self._folder.cleanup()
+
+    def run(self, until: Callable[[Snapshot], bool] | None = None) -> None:
+        """Execute the run to its end, to its first difference, or until a condition is true after a period."""
+        for record in self._records:
+            while self.periods < record[0]:
+                self._tick()
+                if until is not None and until(self.controller.snapshot):
+                    return
+            self._apply(record)
+            if self.difference is not None:
+                return
+
+    def leave(self) -> Controller:
+        """The controller as it is now, to go on with: sockets of its programs are closed."""
+        self._sockets.close_all()
+        return self.controller
+
+    # the run's beginning
+
+    def _config(self) -> ControllerConfig:
+        root = Path(self._folder.name)
+        for option, files in self.header["files"].items():
+            for name, content in files.items():
+                self._write_file(root / option, name, b64decode(content))
+        options = dict(self.header["options"])
+        for name, value in options.items():
+            if isinstance(value, dict) and "folder" in value:
+                (root / value["folder"]).mkdir(exist_ok=True)
+                options[name] = root / value["folder"] / value.get("file", "")
+        options["wall_clock_s"] = self.header["wall_clock_s"]
+        try:
+            return controller_config(self.header["model"], **options)
+        except (ConfigError, TypeError) as error:
+            raise JournalError(f"this version of ur-emulator cannot make the robot of the run: {error}") from error
+
+    @staticmethod
+    def _write_file(folder: Path, name: str, content: bytes) -> None:
+        path = (folder / name).resolve()
+        if not path.is_relative_to(folder.resolve()):
+            raise JournalError(f"the journal names a file outside of its folder: {name}")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+    def _connect(self) -> None:
+        self.controller.programs.socket_backend = self._sockets
+        self.controller.programs.modbus.backend = self._modbus
+        self.controller.tool_line.device = self._device
+
+    # its periods
+
+    def _tick(self) -> None:
+        self.controller.tick()
+        self.periods += 1
+        self._sums.append(checksum(self.controller.snapshot))
+        for number, steps in list(self._steps.items()):
+            self._continue(number, steps)
+
+    def _continue(self, number: int, steps: Generator[None, None, Any]) -> None:
+        self._steps[number] = steps
+        try:
+            next(steps)
+        except (StopIteration, BadArguments, NotPossible):
+            del self._steps[number]
+
+    def _apply(self, record: Record) -> None:
+        _, kind, *content = record
+        apply = getattr(self, f"_apply_{kind}", None)
+        if apply is None:
+            raise JournalError(f"the journal has records of an unknown kind, {kind!r}")
+        try:
+            apply(*content)
+        except JournalValueError as error:
+            raise JournalError(str(error)) from error
+
+    def _apply_post(self, content: Any) -> None:
+        self.controller.post(decode(content, self._numbers))
+
+    def _apply_verb(self, name: str, arguments: Any) -> None:
+        number, self._verbs = self._verbs, self._verbs + 1
+        given = decode(arguments, self._numbers)
+        try:
+            result = getattr(self._control, name)(**given)
+        except NotPossible:
+            if name == "inject_fault":
+                self._faults.skip()  # of ports: what it did to messages is in the journal
+            return
+        except BadArguments:
+            return
+        if isinstance(result, Generator):
+            self._continue(number, result)
+
+    def _apply_left(self, number: int) -> None:
+        if (steps := self._steps.pop(number, None)) is not None:
+            steps.close()
+
+    def _apply_socket(self, number: int, state: Any, failure: str, data: Any) -> None:
+        self._sockets.expect(number, state, failure, decode(data, self._numbers))
+
+    def _apply_unsent(self, number: int, send: int) -> None:
+        self._sockets.refuse(number, send)
+
+    def _apply_modbus(self, number: int, values: Any, device_error: int, connection_error: int) -> None:
+        self._modbus.expect(number, decode(values, self._numbers), device_error, connection_error)
+
+    def _apply_tool(self, data: Any) -> None:
+        self._device.expect(self.periods, decode(data, self._numbers))
+
+    def _apply_file(self, name: str, content: Any) -> None:
+        assert self.config.programs_dir is not None
+        self._write_file(self.config.programs_dir, name, decode(content, self._numbers))
+
+    def _apply_reboot(self, boot_s: float, periods_off: int) -> None:
+        self.controller.programs.stop("the controller was off")
+        self._faults.controller_gone()
+        for _ in range(periods_off):
+            self._faults.step()
+        self.controller = rebooted(self.controller, boot_s, periods_off * self.controller.period_s)
+        self._robot.controller = self.controller
+        self._connect()
+        self._faults.controller_back(self.controller)
+        self.periods += periods_off
+
+    def _apply_state(self, sums: str, values: dict[str, Any] | None) -> None:
+        data = b64decode(sums)
+        recorded = struct.unpack(f"!{len(data) // 4}I", data)
+        replayed, self._sums = self._sums[-len(recorded) :] if recorded else [], []
+        self.checked += len(recorded)
+        period_s = self.controller.period_s
+        bad = next(
+            (place for place, pair in enumerate(zip(recorded, replayed, strict=False)) if pair[0] != pair[1]), None
+        )
+        now = json.loads(json.dumps(plain_values(self.controller.snapshot)))
+        different = tuple(
+            (name, old, now.get(name)) for name, old in (values or {}).items() if repr(old) != repr(now.get(name))
+        )
+        if bad is not None or different:
+            first = self.periods - len(recorded) + 1 + (bad if bad is not None else len(recorded) - 1)
+            time_s = self.controller.time_s - (self.periods - first) * period_s
+            self.difference = Difference(first, time_s, different)
+
+    @property
+    def advice(self) -> str:
+        """What may be the cause of a difference."""
+        if self.header["product"] != product_version():
+            return (
+                f"the run is of version {self.header['product']}, this is {product_version()}: a change of behaviour "
+                "between them (see CHANGELOG.md)"
+            )
+        if self.header["machine"] != (here := platform.machine()):
+            return f"the run is of a {self.header['machine']} machine, this is {here}: their arithmetic may differ"
+        return "something entered the robot that the journal does not have: please report it with the journal"
+
+
+class _NoPower:
+    """Faults that switch the controller off: when it was on again is in the journal."""
+
+    def switch_off(self, *, silent: bool) -> None: ...
+
+    def switch_on(self, boot_s: float) -> None: ...
+
+
+def records_of(source: Path | bytes) -> Iterator[Record]:
+    """All records, for readers of other kinds; see `emulator.journal.file` and `doors.DOORS`."""
+    return read_journal(source)
