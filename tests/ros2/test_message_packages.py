@@ -66,23 +66,35 @@ def test_there_is_a_definition_of_every_published_type(distribution):
 
 
 # Stands in for the builder: writes what it is told, and waits as long as it is told.
-FAKE = """
+FAKE = f"""
 import json, os, sys, time
 from pathlib import Path
+sys.path.insert(0, {str(HERE.parents[1])!r})
+"""
+FAKE += """
+from client.ros2.message_builder.packages import is_complete, record
 plan = json.load(sys.stdin)
 with open(os.environ["CALLS"], "a") as calls:
     calls.write("built\\n")
 while os.path.exists(os.environ["CALLS"] + ".wait"):
     time.sleep(0.01)
 modules = "lib/python{}.{}/site-packages".format(*sys.version_info)
+prefix = Path(plan["prefix"])
 for name, version, files in plan["packages"]:
-    folder = Path(plan["prefix"]) / modules / name
-    folder.mkdir(parents=True)
-    (folder / "__init__.py").write_text(f"VERSION = {version!r}")
+    if is_complete(prefix, name):
+        continue
+    folder = prefix / modules / name
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(os.environ["CALLS"], "a") as calls:
+        calls.write(f"{name}\\n")
     print("0.5 making", name, flush=True)
     if os.environ.get("FAIL"):
         print("error no compiler for", name)
         sys.exit(1)
+    while os.path.exists(os.environ["CALLS"] + "." + name):
+        time.sleep(0.01)
+    (folder / "__init__.py").write_text(f"VERSION = {version!r}")
+    record(prefix, name)
 """
 
 
@@ -106,7 +118,11 @@ def builder(tmp_path, monkeypatch):
 
 
 def runs(calls: Path) -> int:
-    return len(calls.read_text().splitlines())
+    return calls.read_text().split().count("built")
+
+
+def made(calls: Path) -> list[str]:
+    return [line for line in calls.read_text().split() if line != "built"]
 
 
 def test_nothing_is_made_where_nothing_is_missing(tmp_path, monkeypatch):
@@ -148,7 +164,7 @@ def test_a_shell_finds_them_by_the_setup_file(tmp_path, builder):
 def test_a_broken_cache_is_made_anew(tmp_path, builder, damage):
     prefix = ensure(cache=tmp_path / "cache").prefix
     module = python_folder(prefix) / "ur_msgs/__init__.py"
-    manifest = prefix / "manifest.json"
+    manifest = prefix / "manifests/ur_msgs.json"
     if damage == "a file is gone":
         module.unlink()
     elif damage == "a file is cut":
@@ -181,23 +197,67 @@ def test_two_at_once_make_them_once(tmp_path, builder):
     assert runs(builder) == 1
 
 
-def test_what_was_interrupted_is_gone_and_does_not_hinder(tmp_path, builder):
-    def interrupt(part, what):
-        raise KeyboardInterrupt
+def test_an_interrupted_build_resumes_with_the_package_it_was_at(tmp_path, builder, monkeypatch):
+    monkeypatch.setattr(message_packages, "missing", lambda: ("tf2_msgs", "ur_msgs"))
 
+    def interrupt(part, what):
+        if what == "making ur_msgs":
+            raise KeyboardInterrupt
+
+    stop = Path(f"{builder}.ur_msgs")
+    stop.touch()
     with pytest.raises(KeyboardInterrupt):
         ensure(interrupt, tmp_path / "cache")
-    assert not [path for path in (tmp_path / "cache").iterdir() if path.is_dir()]
-    assert ensure(cache=tmp_path / "cache").prefix.is_dir()
+    stop.unlink()
+    prefix = ensure(cache=tmp_path / "cache").prefix
+    assert made(builder) == ["tf2_msgs", "ur_msgs", "ur_msgs"]
+    assert [path.name for path in prefix.parent.iterdir() if path.is_dir()] == [prefix.name]
 
 
-def test_a_failure_is_reported_with_its_cause_and_leaves_nothing_unfinished(tmp_path, builder, monkeypatch):
+def test_after_a_killed_process_the_next_one_waits_for_its_builder_and_resumes(tmp_path, builder, monkeypatch):
+    stop = Path(f"{builder}.ur_msgs")
+    stop.touch()
+    script = f"""
+        from pathlib import Path
+        from client.ros2 import message_packages
+        message_packages._BUILDER = Path({str(message_packages._BUILDER)!r})
+        message_packages.missing = lambda: ("tf2_msgs", "ur_msgs")
+        installation = message_packages.Ros2Installation("jazzy", (Path({str(tmp_path)!r}),), sourced=False)
+        message_packages.find_installation = lambda: installation
+        message_packages.ensure(lambda part, what: print(what, flush=True))
+    """
+    killed = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(HERE.parents[1]), "UR_CLIENT_ROS2_CACHE": str(tmp_path / "cache")},
+    )
+    assert killed.stdout is not None
+    while killed.stdout.readline() != "making ur_msgs\n":
+        assert killed.poll() is None
+    killed.kill()
+    killed.wait()
+    killed.stdout.close()
+    reported = []
+
+    def go_on(part, what):
+        reported.append(what)
+        stop.unlink(missing_ok=True)
+
+    monkeypatch.setattr(message_packages, "missing", lambda: ("tf2_msgs", "ur_msgs"))
+    ensure(go_on, tmp_path / "cache")
+    assert reported[0] == "another process is building the message packages"
+    assert made(builder) == ["tf2_msgs", "ur_msgs"]
+
+
+def test_a_failure_is_reported_with_its_cause_and_the_next_build_succeeds(tmp_path, builder, monkeypatch):
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(
         Ros2Error, match=r"cannot build the message packages .*ur_msgs: no compiler for ur_msgs\. Details: .*\.log"
     ):
         ensure(cache=tmp_path / "cache")
-    assert not [path for path in (tmp_path / "cache").iterdir() if path.is_dir()]
+    monkeypatch.delenv("FAIL")
+    assert ensure(cache=tmp_path / "cache").setup_file.is_file()
 
 
 def test_a_cache_that_cannot_be_written_is_named(tmp_path, builder):
