@@ -42,18 +42,17 @@ CACHE_VARIABLE: Final = "UR_CLIENT_ROS2_CACHE"
 
 _INTERFACES: Final = Path(__file__).with_name("interfaces")
 _BUILDER: Final = Path(__file__).with_name("message_builder")
-# A package comes after those it refers to. Source of the definitions, by distribution: the newest release in its branch
-# of the official repositories in August 2026. The version of ur_msgs is a guess: its definitions are those that
-# ur_robot_driver 3.8 is written for, but the release was not available.
+# A package comes after those it refers to. Versions that the definitions were compared with, by distribution: releases
+# for its binary packages (ros2-gbp) until July 2026; moveit_msgs for Jazzy is the one after its 2.6.0.
 _VERSIONS: Final = {
-    "control_msgs": {"humble": "4.8.0", "jazzy": "5.8.0", "kilted": "6.8.0"},
-    "controller_manager_msgs": {"humble": "2.54.0", "jazzy": "4.46.0", "kilted": "5.16.0"},
-    "octomap_msgs": {"humble": "2.0.1", "jazzy": "2.0.1", "kilted": "2.0.1"},
-    "object_recognition_msgs": {"humble": "2.0.0", "jazzy": "2.0.0", "kilted": "2.0.0"},
-    "moveit_msgs": {"humble": "2.2.1", "jazzy": "2.7.1", "kilted": "2.7.1"},
-    "tf2_msgs": {"humble": "0.25.0", "jazzy": "0.36.0", "kilted": "0.41.0"},
-    "ur_dashboard_msgs": {"humble": "2.14.0", "jazzy": "3.8.0", "kilted": "4.8.0"},
-    "ur_msgs": {"humble": "2.5.0", "jazzy": "2.5.0", "kilted": "2.5.0"},
+    "control_msgs": {"humble": "4.9.0", "jazzy": "5.9.0", "kilted": "6.10.0", "lyrical": "6.10.0"},
+    "controller_manager_msgs": {"humble": "2.54.0", "jazzy": "4.46.0", "kilted": "5.16.0", "lyrical": "6.8.0"},
+    "octomap_msgs": {"humble": "2.0.1", "jazzy": "2.0.1", "kilted": "2.0.1", "lyrical": "2.0.1"},
+    "object_recognition_msgs": {"humble": "2.0.0", "jazzy": "2.0.0", "kilted": "2.0.0", "lyrical": "2.0.0"},
+    "moveit_msgs": {"humble": "2.2.1", "jazzy": "2.7.1", "kilted": "2.7.1", "lyrical": "2.7.1"},
+    "tf2_msgs": {"humble": "0.25.20", "jazzy": "0.36.20", "kilted": "0.41.7", "lyrical": "0.45.7"},
+    "ur_dashboard_msgs": {"humble": "2.14.0", "jazzy": "3.8.0", "kilted": "4.8.0", "lyrical": "6.0.0"},
+    "ur_msgs": {"humble": "2.6.0", "jazzy": "2.6.0", "kilted": "2.6.0", "lyrical": "2.6.0"},
 }
 PACKAGES: Final = tuple(_VERSIONS)
 DISTRIBUTIONS: Final = tuple(_VERSIONS["control_msgs"])

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from client.commands.ros2 import prepare
 from client.errors import Ros2Error
 from client.ros2 import message_packages
 from client.ros2.message_builder import python_folder
@@ -250,6 +251,19 @@ def test_after_a_killed_process_the_next_one_waits_for_its_builder_and_resumes(t
     assert made(builder) == ["tf2_msgs", "ur_msgs"]
 
 
+def test_without_a_terminal_there_is_a_line_for_each_package(monkeypatch, capfd):
+    def ensure(progress):
+        for part, name in ((0.0, "control_msgs"), (0.1, "control_msgs"), (0.5, "ur_msgs")):
+            progress(part, f"compiling {name}")
+        return message_packages.MessagePackages()
+
+    monkeypatch.setattr(message_packages, "missing", lambda: ("ur_msgs",))
+    monkeypatch.setattr(message_packages, "ensure", ensure)
+    prepare()
+    lines = [line for line in capfd.readouterr().err.splitlines() if line]
+    assert [line.split(": ")[1] for line in lines] == ["compiling control_msgs (0%)", "compiling ur_msgs (50%)"]
+
+
 def test_a_failure_is_reported_with_its_cause_and_the_next_build_succeeds(tmp_path, builder, monkeypatch):
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(
@@ -282,7 +296,7 @@ def test_a_distribution_without_definitions_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(folder.parent), *sys.path])
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     monkeypatch.setenv("ROS_DISTRO", "galactic")
-    with pytest.raises(Ros2Error, match="humble, jazzy and kilted, but not for galactic"):
+    with pytest.raises(Ros2Error, match="humble, jazzy, kilted and lyrical, but not for galactic"):
         message_packages.find_installation()
     monkeypatch.setenv("ROS_DISTRO", "humble")
     assert message_packages.find_installation() == Ros2Installation("humble", (tmp_path,), sourced=True)
