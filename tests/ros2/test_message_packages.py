@@ -143,7 +143,7 @@ def test_packages_are_made_once_and_found_by_this_process_and_its_children(tmp_p
     child = subprocess.run(
         [sys.executable, "-c", "import ur_msgs; print(ur_msgs.VERSION)"], capture_output=True, text=True
     )
-    assert child.stdout == "2.5.0\n", child.stderr
+    assert child.stdout == "2.6.0\n", child.stderr
     assert os.environ["AMENT_PREFIX_PATH"] == f"{packages.prefix}:{tmp_path}"
 
     again = ensure(cache=tmp_path / "cache")
@@ -175,7 +175,7 @@ def test_a_broken_cache_is_made_anew(tmp_path, builder, damage):
     else:
         manifest.write_text("[]")
     ensure(cache=tmp_path / "cache")
-    assert module.read_text() == "VERSION = '2.5.0'"
+    assert module.read_text() == "VERSION = '2.6.0'"
     assert runs(builder) == 2
 
 
