@@ -48,9 +48,9 @@ _LIBRARIES: Final = (
     LibraryKind(
         FASTRTPS,
         (C,),
-        (FASTRTPS, "rosidl_typesupport_fastrtps_cpp", "fastcdr", "rmw", "rosidl_runtime_c", "rcutils"),
+        (FASTRTPS, "rosidl_typesupport_fastrtps_cpp", "fastcdr", "rmw", "rosidl_runtime_c", "rcutils", "rosidl_buffer"),
     ),
-    LibraryKind(INTROSPECTION, (C,), (INTROSPECTION, "rosidl_runtime_c")),
+    LibraryKind(INTROSPECTION, (C,), (INTROSPECTION, "rosidl_runtime_c", "rosidl_buffer")),  # the last since Lyrical
     LibraryKind(DISPATCH, (C, FASTRTPS, INTROSPECTION), (DISPATCH, "rosidl_runtime_c"), keep_unused=True),
     LibraryKind(PYTHON, (C, DISPATCH), ("rosidl_runtime_c",)),
 )
