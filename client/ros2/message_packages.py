@@ -23,7 +23,6 @@ import signal
 import subprocess
 import sys
 import sysconfig
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -101,7 +100,8 @@ class MessagePackages:
 def ensure(progress: Progress | None = None, cache: Path | None = None) -> MessagePackages:
     """Make every package of `PACKAGES` importable, in this process and in those it starts.
 
-    Installed packages are not touched. The others come from ``cache``, or are built there, which takes a minute or so.
+    Installed packages are not touched. The others come from ``cache``, or are built there, which takes a minute or two.
+    A build that was interrupted resumes with the package it was at.
     If another process is already building the same packages, this one waits for it. cache: defaults to the folder in
     the environment variable UR_CLIENT_ROS2_CACHE, else ``ur-client/ros2`` in the user's cache. Raises Ros2Error.
     """

@@ -124,7 +124,9 @@ class Libraries:
         self._generators = generators
         self._compiler = compiler
         supports = generators.typesupports
-        self._kinds = [kind for kind in _LIBRARIES if kind.name not in (FASTRTPS, INTROSPECTION) or kind.name in supports]
+        self._kinds = [
+            kind for kind in _LIBRARIES if kind.name not in (FASTRTPS, INTROSPECTION) or kind.name in supports
+        ]
         self._headers = [generators.output_folder(kind.name, packages[0]).parent for kind in self._kinds]
 
     def compile(self, package: InterfacePackage, pool: Executor) -> list[tuple[str, Future[Path]]]:

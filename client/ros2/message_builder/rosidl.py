@@ -168,8 +168,9 @@ def _statements(em: Any, tokens: Iterable[Any], others: list[Any]) -> Iterator[a
                 yield from ast.parse(f"_write({token.config.prefix!r})").body
             case em.LineCommentToken() | em.WhitespaceToken():
                 pass
-            case em.ExpressionToken(ifThenCodes=[[code, None]], exceptCode="") | em.SimpleExpressionToken(
-                code=code, subtokens=[]
+            case (
+                em.ExpressionToken(ifThenCodes=[[code, None]], exceptCode="")
+                | em.SimpleExpressionToken(code=code, subtokens=[])
             ):
                 yield from ast.parse(f"_show((\n{code}\n))").body
             case em.StatementToken():
@@ -216,4 +217,3 @@ def _tokens(em: Any, interpreter: Any, template: str) -> Iterator[Any]:
             return
         yield token
         scanner.accumulate()
-
