@@ -1,5 +1,6 @@
 """Message packages that a machine lacks: the definitions, what `ensure` does, and what it says when it cannot."""
 
+import io
 import json
 import os
 import subprocess
@@ -14,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from client.commands.ros2 import prepare
 from client.errors import Ros2Error
 from client.ros2 import message_packages
-from client.ros2.message_builder import python_folder
+from client.ros2.message_builder import python_folder, rosidl
 from client.ros2.message_packages import DISTRIBUTIONS, PACKAGES, Ros2Installation, definitions, ensure
 
 HERE = Path(__file__).parent
@@ -338,6 +339,50 @@ def test_without_rosidl_it_says_what_to_install(tmp_path):
         ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path / "cache"), PYTHONPATH=f"{tmp_path}:{os.environ['PYTHONPATH']}"
     )
     assert ": rosidl's generators are not installed" in done.stderr
+
+
+TEMPLATE = """@# comment
+@{
+total = 0
+separator = "@"
+}@
+@@ @(len(names)) @total
+@[for name in names]@
+@[  if name == "skipped"]@
+@[    continue]@
+@[  elif name.startswith("a")]@
+a: @(name)@(separator)
+@[  else]@
+other: @name @(None)
+@[  end if]@
+@{total += len(name)}@
+@[end for]@
+@[while total > 20]@
+@{total -= 10}@
+@[end while]@
+@total@("!" if total else "")
+"""
+
+
+@needs_ros
+def test_a_translated_template_writes_what_empy_writes(monkeypatch):
+    em = pytest.importorskip("em")
+    if not em.__version__.startswith("4."):
+        pytest.skip("templates are translated for EmPy 4 only")
+
+    def written(*names: str) -> str:
+        output = io.StringIO()
+        interpreter = em.Interpreter(config=em.Configuration(defaultStdout=output, rawErrors=True), dispatcher=False)
+        interpreter.string(TEMPLATE, locals={"names": names})
+        interpreter.shutdown()
+        return output.getvalue()
+
+    cases = [("abc", "skipped", "def"), (), ("a long name", "and another long name")]
+    expected = [written(*names) for names in cases]
+    monkeypatch.setattr(em.Interpreter, "string", em.Interpreter.string)
+    rosidl._cache_templates()
+    assert [written(*names) for names in cases] == expected
+    assert "a: abc@" in expected[0]
 
 
 SERVER = """
