@@ -121,7 +121,8 @@ $(VENV)/.base: pyproject.toml | $(VENV)/bin/python
 	touch $@
 
 # CI takes what constraints.txt names, each file by its hash; elsewhere the newest packages are tried. Byte code comes
-# into being where a package is used: compiling all packages takes as long as fetching them.
+# into being where a package is used: compiling all packages takes as long as fetching them. The message packages of
+# ROS 2 take one or two minutes, once, and a line is printed for each.
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(if $(CI),tests/install_locked.sh $(BIN)/python,$(BIN)/python -m pip install --quiet --no-compile --editable '.[test,check]')
 	$(BIN)/ur-client ros2 --setup || echo "Tests of the ROS 2 driver need the message packages: they will fail." >&2

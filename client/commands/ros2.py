@@ -157,11 +157,19 @@ def prepare() -> "MessagePackages":
 
     if not message_packages.missing():
         return message_packages.MessagePackages()
-    with Progress(TextColumn("{task.description}"), BarColumn(), console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("message packages", total=1.0)
+    console = Console(stderr=True)
+    with Progress(TextColumn("{task.description}"), BarColumn(), console=console, transient=True) as bar:
+        task = bar.add_task("message packages", total=1.0, visible=console.is_terminal)
+        shown = ""
 
         def show(part: float, what: str) -> None:
-            bar.update(task, completed=part, description=f"building message packages, only this once: {what}")
+            nonlocal shown
+            text = f"building message packages, only this once: {what}"
+            if console.is_terminal:
+                bar.update(task, completed=part, description=text)
+            elif text != shown:  # in a log, a line for each package
+                typer.echo(f"{text} ({part:.0%})", err=True)
+            shown = text
 
         packages = message_packages.ensure(show)
     return packages

@@ -1,7 +1,7 @@
 """The node ``controller_manager``: its services, activity and parameters, as in ros2_control.
 
-Source of names, types and answers: controller_manager and controller_manager_msgs of Humble, Jazzy and Kilted; fields
-that a distribution's messages do not have are left out.
+Source of names, types and answers: controller_manager and controller_manager_msgs of Humble, Jazzy and Kilted, whose
+messages Lyrical has too; fields that a distribution's messages do not have are left out.
 """
 
 from collections.abc import Callable, Mapping

@@ -23,7 +23,6 @@ import signal
 import subprocess
 import sys
 import sysconfig
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ from pathlib import Path
 from typing import Final
 
 from client.errors import Ros2Error
-from client.ros2.message_builder import KINDS, BuildPlan, python_folder
+from client.ros2.message_builder import KINDS, BuildPlan, is_complete, python_folder
 from urproto.extras import how_to_install
 
 Progress = Callable[[float, str], None]
@@ -42,23 +41,22 @@ CACHE_VARIABLE: Final = "UR_CLIENT_ROS2_CACHE"
 
 _INTERFACES: Final = Path(__file__).with_name("interfaces")
 _BUILDER: Final = Path(__file__).with_name("message_builder")
-# A package comes after those it refers to. Source of the definitions, by distribution: the newest release in its branch
-# of the official repositories in August 2026. The version of ur_msgs is a guess: its definitions are those that
-# ur_robot_driver 3.8 is written for, but the release was not available.
+# A package comes after those it refers to. Versions that the definitions were compared with, by distribution: releases
+# for its binary packages (ros2-gbp) until July 2026; moveit_msgs for Jazzy is the one after its 2.6.0.
 _VERSIONS: Final = {
-    "control_msgs": {"humble": "4.8.0", "jazzy": "5.8.0", "kilted": "6.8.0"},
-    "controller_manager_msgs": {"humble": "2.54.0", "jazzy": "4.46.0", "kilted": "5.16.0"},
-    "octomap_msgs": {"humble": "2.0.1", "jazzy": "2.0.1", "kilted": "2.0.1"},
-    "object_recognition_msgs": {"humble": "2.0.0", "jazzy": "2.0.0", "kilted": "2.0.0"},
-    "moveit_msgs": {"humble": "2.2.1", "jazzy": "2.7.1", "kilted": "2.7.1"},
-    "tf2_msgs": {"humble": "0.25.0", "jazzy": "0.36.0", "kilted": "0.41.0"},
-    "ur_dashboard_msgs": {"humble": "2.14.0", "jazzy": "3.8.0", "kilted": "4.8.0"},
-    "ur_msgs": {"humble": "2.5.0", "jazzy": "2.5.0", "kilted": "2.5.0"},
+    "control_msgs": {"humble": "4.9.0", "jazzy": "5.9.0", "kilted": "6.10.0", "lyrical": "6.10.0"},
+    "controller_manager_msgs": {"humble": "2.54.0", "jazzy": "4.46.0", "kilted": "5.16.0", "lyrical": "6.8.0"},
+    "octomap_msgs": {"humble": "2.0.1", "jazzy": "2.0.1", "kilted": "2.0.1", "lyrical": "2.0.1"},
+    "object_recognition_msgs": {"humble": "2.0.0", "jazzy": "2.0.0", "kilted": "2.0.0", "lyrical": "2.0.0"},
+    "moveit_msgs": {"humble": "2.2.1", "jazzy": "2.7.1", "kilted": "2.7.1", "lyrical": "2.7.1"},
+    "tf2_msgs": {"humble": "0.25.20", "jazzy": "0.36.20", "kilted": "0.41.7", "lyrical": "0.45.7"},
+    "ur_dashboard_msgs": {"humble": "2.14.0", "jazzy": "3.8.0", "kilted": "4.8.0", "lyrical": "6.0.0"},
+    "ur_msgs": {"humble": "2.6.0", "jazzy": "2.6.0", "kilted": "2.6.0", "lyrical": "2.6.0"},
 }
 PACKAGES: Final = tuple(_VERSIONS)
 DISTRIBUTIONS: Final = tuple(_VERSIONS["control_msgs"])
 
-_MANIFEST: Final = "manifest.json"
+_SETUP_FILE: Final = "setup.sh"
 _POLL_S: Final = 0.2  # between checks whether another process has finished
 
 
@@ -85,7 +83,7 @@ class MessagePackages:
     @property
     def setup_file(self) -> Path | None:
         """File to source in a shell so that other programs (``ros2``, a user's nodes) find the packages."""
-        return self.prefix / "setup.sh" if self.prefix else None
+        return self.prefix / _SETUP_FILE if self.prefix else None
 
     def environment(self) -> dict[str, str]:
         """Environment variables with which another process finds the packages; only those that change."""
@@ -102,7 +100,8 @@ class MessagePackages:
 def ensure(progress: Progress | None = None, cache: Path | None = None) -> MessagePackages:
     """Make every package of `PACKAGES` importable, in this process and in those it starts.
 
-    Installed packages are not touched. The others come from ``cache``, or are built there, which takes a minute or so.
+    Installed packages are not touched. The others come from ``cache``, or are built there, which takes a minute or two.
+    A build that was interrupted resumes with the package it was at.
     If another process is already building the same packages, this one waits for it. cache: defaults to the folder in
     the environment variable UR_CLIENT_ROS2_CACHE, else ``ur-client/ros2`` in the user's cache. Raises Ros2Error.
     """
@@ -112,12 +111,12 @@ def ensure(progress: Progress | None = None, cache: Path | None = None) -> Messa
     installation = find_installation()
     plan = _plan(names, installation)
     prefix = (cache or default_cache()) / _key(plan, installation)
-    if not _whole(prefix):
+    if not _is_whole(prefix, names):
         try:
             prefix.parent.mkdir(parents=True, exist_ok=True)
-            with _lock(prefix, progress):
-                if not _whole(prefix):
-                    _build(plan, prefix, progress)
+            with _lock(prefix, progress) as lock:
+                if not _is_whole(prefix, names):
+                    _build(plan, prefix, lock, progress)
         except OSError as error:
             raise Ros2Error(
                 f"cannot build message packages in {prefix.parent} ({error.strerror or error}): make it writable, "
@@ -203,17 +202,13 @@ def _key(plan: BuildPlan, installation: Ros2Installation) -> str:
     return f"{installation.distribution}-python{version}-{platform.machine()}-{digest}"
 
 
-def _whole(prefix: Path) -> bool:
-    try:
-        files = json.loads((prefix / _MANIFEST).read_text(encoding="utf-8"))
-        return all((prefix / name).stat().st_size == size for name, size in files.items())
-    except (OSError, ValueError, AttributeError):
-        return False
+def _is_whole(prefix: Path, names: Sequence[str]) -> bool:
+    return (prefix / _SETUP_FILE).is_file() and all(is_complete(prefix, name) for name in names)
 
 
 @contextlib.contextmanager
-def _lock(prefix: Path, progress: Progress | None) -> Iterator[None]:
-    """Wait for other processes that build the same packages. The lock of a process that dies is released."""
+def _lock(prefix: Path, progress: Progress | None) -> Iterator[int]:
+    """Wait for other processes that build the same packages. The lock is released when all that have its file end."""
     if sys.platform == "win32":
         raise Ros2Error("message packages can only be built on Linux: install them in a ROS 2 workspace")
     import fcntl
@@ -227,30 +222,22 @@ def _lock(prefix: Path, progress: Progress | None) -> Iterator[None]:
                 if progress:
                     progress(0.0, "another process is building the message packages")
                 time.sleep(_POLL_S)
-        yield
+        yield file.fileno()
 
 
-def _build(plan: BuildPlan, prefix: Path, progress: Progress | None) -> None:
-    for left in prefix.parent.glob(f"{prefix.name}.*/"):  # left by processes that died
-        shutil.rmtree(left, ignore_errors=True)
-    folder = Path(tempfile.mkdtemp(prefix=f"{prefix.name}.", dir=prefix.parent))
+def _build(plan: BuildPlan, prefix: Path, lock: int, progress: Progress | None) -> None:
+    log, scratch = Path(f"{prefix}.log"), Path(f"{prefix}.scratch")
+    shutil.rmtree(scratch, ignore_errors=True)  # left by a process that was killed
     try:
-        made, scratch = folder / "prefix", folder / "scratch"
         scratch.mkdir()
-        log = Path(f"{prefix}.log")
-        _run_builder(plan._replace(prefix=str(made), scratch=str(scratch)), log, progress)
-        (made / "setup.sh").write_text(_setup_file(prefix, plan), encoding="utf-8")
-        files = {str(file.relative_to(made)): file.stat().st_size for file in made.rglob("*") if file.is_file()}
-        (made / _MANIFEST).write_text(json.dumps(files), encoding="utf-8")
-        if prefix.exists():  # but is incomplete
-            prefix.rename(folder / "broken")
-        made.rename(prefix)
+        _run_builder(plan._replace(prefix=str(prefix), scratch=str(scratch)), log, lock, progress)
+        (prefix / _SETUP_FILE).write_text(_setup_file(prefix, plan), encoding="utf-8")
         log.unlink()
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _run_builder(plan: BuildPlan, log: Path, progress: Progress | None) -> None:
+def _run_builder(plan: BuildPlan, log: Path, lock: int, progress: Progress | None) -> None:
     error = ""
     with log.open("w", encoding="utf-8") as stderr:
         builder = subprocess.Popen(
@@ -261,6 +248,7 @@ def _run_builder(plan: BuildPlan, log: Path, progress: Progress | None) -> None:
             text=True,
             env={**os.environ, "PYTHONHASHSEED": "0"},  # the order in generated code: the same source each time
             start_new_session=True,  # so that its compilers can be ended with it
+            pass_fds=(lock,),  # if this process is killed, the next one waits until the builder has ended too
         )
         assert builder.stdin is not None
         assert builder.stdout is not None

@@ -1,5 +1,6 @@
 """Message packages that a machine lacks: the definitions, what `ensure` does, and what it says when it cannot."""
 
+import io
 import json
 import os
 import subprocess
@@ -11,9 +12,10 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from client.commands.ros2 import prepare
 from client.errors import Ros2Error
 from client.ros2 import message_packages
-from client.ros2.message_builder import python_folder
+from client.ros2.message_builder import python_folder, rosidl
 from client.ros2.message_packages import DISTRIBUTIONS, PACKAGES, Ros2Installation, definitions, ensure
 
 HERE = Path(__file__).parent
@@ -66,23 +68,35 @@ def test_there_is_a_definition_of_every_published_type(distribution):
 
 
 # Stands in for the builder: writes what it is told, and waits as long as it is told.
-FAKE = """
+FAKE = f"""
 import json, os, sys, time
 from pathlib import Path
+sys.path.insert(0, {str(HERE.parents[1])!r})
+"""
+FAKE += """
+from client.ros2.message_builder.packages import is_complete, record
 plan = json.load(sys.stdin)
 with open(os.environ["CALLS"], "a") as calls:
     calls.write("built\\n")
 while os.path.exists(os.environ["CALLS"] + ".wait"):
     time.sleep(0.01)
 modules = "lib/python{}.{}/site-packages".format(*sys.version_info)
+prefix = Path(plan["prefix"])
 for name, version, files in plan["packages"]:
-    folder = Path(plan["prefix"]) / modules / name
-    folder.mkdir(parents=True)
-    (folder / "__init__.py").write_text(f"VERSION = {version!r}")
+    if is_complete(prefix, name):
+        continue
+    folder = prefix / modules / name
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(os.environ["CALLS"], "a") as calls:
+        calls.write(f"{name}\\n")
     print("0.5 making", name, flush=True)
     if os.environ.get("FAIL"):
         print("error no compiler for", name)
         sys.exit(1)
+    while os.path.exists(os.environ["CALLS"] + "." + name):
+        time.sleep(0.01)
+    (folder / "__init__.py").write_text(f"VERSION = {version!r}")
+    record(prefix, name)
 """
 
 
@@ -106,7 +120,11 @@ def builder(tmp_path, monkeypatch):
 
 
 def runs(calls: Path) -> int:
-    return len(calls.read_text().splitlines())
+    return calls.read_text().split().count("built")
+
+
+def made(calls: Path) -> list[str]:
+    return [line for line in calls.read_text().split() if line != "built"]
 
 
 def test_nothing_is_made_where_nothing_is_missing(tmp_path, monkeypatch):
@@ -126,7 +144,7 @@ def test_packages_are_made_once_and_found_by_this_process_and_its_children(tmp_p
     child = subprocess.run(
         [sys.executable, "-c", "import ur_msgs; print(ur_msgs.VERSION)"], capture_output=True, text=True
     )
-    assert child.stdout == "2.5.0\n", child.stderr
+    assert child.stdout == "2.6.0\n", child.stderr
     assert os.environ["AMENT_PREFIX_PATH"] == f"{packages.prefix}:{tmp_path}"
 
     again = ensure(cache=tmp_path / "cache")
@@ -148,7 +166,7 @@ def test_a_shell_finds_them_by_the_setup_file(tmp_path, builder):
 def test_a_broken_cache_is_made_anew(tmp_path, builder, damage):
     prefix = ensure(cache=tmp_path / "cache").prefix
     module = python_folder(prefix) / "ur_msgs/__init__.py"
-    manifest = prefix / "manifest.json"
+    manifest = prefix / "manifests/ur_msgs.json"
     if damage == "a file is gone":
         module.unlink()
     elif damage == "a file is cut":
@@ -158,7 +176,7 @@ def test_a_broken_cache_is_made_anew(tmp_path, builder, damage):
     else:
         manifest.write_text("[]")
     ensure(cache=tmp_path / "cache")
-    assert module.read_text() == "VERSION = '2.5.0'"
+    assert module.read_text() == "VERSION = '2.6.0'"
     assert runs(builder) == 2
 
 
@@ -181,23 +199,80 @@ def test_two_at_once_make_them_once(tmp_path, builder):
     assert runs(builder) == 1
 
 
-def test_what_was_interrupted_is_gone_and_does_not_hinder(tmp_path, builder):
-    def interrupt(part, what):
-        raise KeyboardInterrupt
+def test_an_interrupted_build_resumes_with_the_package_it_was_at(tmp_path, builder, monkeypatch):
+    monkeypatch.setattr(message_packages, "missing", lambda: ("tf2_msgs", "ur_msgs"))
 
+    def interrupt(part, what):
+        if what == "making ur_msgs":
+            raise KeyboardInterrupt
+
+    stop = Path(f"{builder}.ur_msgs")
+    stop.touch()
     with pytest.raises(KeyboardInterrupt):
         ensure(interrupt, tmp_path / "cache")
-    assert not [path for path in (tmp_path / "cache").iterdir() if path.is_dir()]
-    assert ensure(cache=tmp_path / "cache").prefix.is_dir()
+    stop.unlink()
+    prefix = ensure(cache=tmp_path / "cache").prefix
+    assert made(builder) == ["tf2_msgs", "ur_msgs", "ur_msgs"]
+    assert [path.name for path in prefix.parent.iterdir() if path.is_dir()] == [prefix.name]
 
 
-def test_a_failure_is_reported_with_its_cause_and_leaves_nothing_unfinished(tmp_path, builder, monkeypatch):
+def test_after_a_killed_process_the_next_one_waits_for_its_builder_and_resumes(tmp_path, builder, monkeypatch):
+    stop = Path(f"{builder}.ur_msgs")
+    stop.touch()
+    script = f"""
+        from pathlib import Path
+        from client.ros2 import message_packages
+        message_packages._BUILDER = Path({str(message_packages._BUILDER)!r})
+        message_packages.missing = lambda: ("tf2_msgs", "ur_msgs")
+        installation = message_packages.Ros2Installation("jazzy", (Path({str(tmp_path)!r}),), sourced=False)
+        message_packages.find_installation = lambda: installation
+        message_packages.ensure(lambda part, what: print(what, flush=True))
+    """
+    killed = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(HERE.parents[1]), "UR_CLIENT_ROS2_CACHE": str(tmp_path / "cache")},
+    )
+    assert killed.stdout is not None
+    while killed.stdout.readline() != "making ur_msgs\n":
+        assert killed.poll() is None
+    killed.kill()
+    killed.wait()
+    killed.stdout.close()
+    reported = []
+
+    def go_on(part, what):
+        reported.append(what)
+        stop.unlink(missing_ok=True)
+
+    monkeypatch.setattr(message_packages, "missing", lambda: ("tf2_msgs", "ur_msgs"))
+    ensure(go_on, tmp_path / "cache")
+    assert reported[0] == "another process is building the message packages"
+    assert made(builder) == ["tf2_msgs", "ur_msgs"]
+
+
+def test_without_a_terminal_there_is_a_line_for_each_package(monkeypatch, capfd):
+    def ensure(progress):
+        for part, name in ((0.0, "control_msgs"), (0.1, "control_msgs"), (0.5, "ur_msgs")):
+            progress(part, f"compiling {name}")
+        return message_packages.MessagePackages()
+
+    monkeypatch.setattr(message_packages, "missing", lambda: ("ur_msgs",))
+    monkeypatch.setattr(message_packages, "ensure", ensure)
+    prepare()
+    lines = [line for line in capfd.readouterr().err.splitlines() if line]
+    assert [line.split(": ")[1] for line in lines] == ["compiling control_msgs (0%)", "compiling ur_msgs (50%)"]
+
+
+def test_a_failure_is_reported_with_its_cause_and_the_next_build_succeeds(tmp_path, builder, monkeypatch):
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(
         Ros2Error, match=r"cannot build the message packages .*ur_msgs: no compiler for ur_msgs\. Details: .*\.log"
     ):
         ensure(cache=tmp_path / "cache")
-    assert not [path for path in (tmp_path / "cache").iterdir() if path.is_dir()]
+    monkeypatch.delenv("FAIL")
+    assert ensure(cache=tmp_path / "cache").setup_file.is_file()
 
 
 def test_a_cache_that_cannot_be_written_is_named(tmp_path, builder):
@@ -222,7 +297,7 @@ def test_a_distribution_without_definitions_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(folder.parent), *sys.path])
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     monkeypatch.setenv("ROS_DISTRO", "galactic")
-    with pytest.raises(Ros2Error, match="humble, jazzy and kilted, but not for galactic"):
+    with pytest.raises(Ros2Error, match="humble, jazzy, kilted and lyrical, but not for galactic"):
         message_packages.find_installation()
     monkeypatch.setenv("ROS_DISTRO", "humble")
     assert message_packages.find_installation() == Ros2Installation("humble", (tmp_path,), sourced=True)
@@ -264,6 +339,50 @@ def test_without_rosidl_it_says_what_to_install(tmp_path):
         ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path / "cache"), PYTHONPATH=f"{tmp_path}:{os.environ['PYTHONPATH']}"
     )
     assert ": rosidl's generators are not installed" in done.stderr
+
+
+TEMPLATE = """@# comment
+@{
+total = 0
+separator = "@"
+}@
+@@ @(len(names)) @total
+@[for name in names]@
+@[  if name == "skipped"]@
+@[    continue]@
+@[  elif name.startswith("a")]@
+a: @(name)@(separator)
+@[  else]@
+other: @name @(None)
+@[  end if]@
+@{total += len(name)}@
+@[end for]@
+@[while total > 20]@
+@{total -= 10}@
+@[end while]@
+@total@("!" if total else "")
+"""
+
+
+@needs_ros
+def test_a_translated_template_writes_what_empy_writes(monkeypatch):
+    em = pytest.importorskip("em")
+    if not em.__version__.startswith("4."):
+        pytest.skip("templates are translated for EmPy 4 only")
+
+    def written(*names: str) -> str:
+        output = io.StringIO()
+        interpreter = em.Interpreter(config=em.Configuration(defaultStdout=output, rawErrors=True), dispatcher=False)
+        interpreter.string(TEMPLATE, locals={"names": names})
+        interpreter.shutdown()
+        return output.getvalue()
+
+    cases = [("abc", "skipped", "def"), (), ("a long name", "and another long name")]
+    expected = [written(*names) for names in cases]
+    monkeypatch.setattr(em.Interpreter, "string", em.Interpreter.string)
+    rosidl._cache_templates()
+    assert [written(*names) for names in cases] == expected
+    assert "a: abc@" in expected[0]
 
 
 SERVER = """

