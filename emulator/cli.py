@@ -80,3 +80,6 @@ app.command("facts", cls=Deferred, help="Print what is known and what is guessed
 app.command("ctl", cls=Deferred, help="Use the control API of a running emulator: inputs, buttons, faults, time.")(
     load_from("emulator.ctl:app")
 )
+app.command("replay", cls=Deferred, help="Execute a recorded run again, compare it, and go on from any moment of it.")(
+    load_from("emulator.replay_command:app")
+)

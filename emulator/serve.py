@@ -12,6 +12,7 @@ from typing import TextIO, cast
 
 from emulator.app import Emulator
 from emulator.config import ConfigError, EmulatorConfig
+from emulator.controller import Controller
 from emulator.first_screen import first_screen, ready_line
 from emulator.logs import ERROR, OUTPUT
 from emulator.pendant_process import Pendant
@@ -22,14 +23,21 @@ from urproto.durable import write_file
 
 
 async def serve(
-    config: EmulatorConfig, ports_file: Path | None, pendant_port: int | None, *, exit_when_ready: bool
+    config: EmulatorConfig,
+    ports_file: Path | None,
+    pendant_port: int | None,
+    *,
+    exit_when_ready: bool = False,
+    controller: Controller | None = None,
 ) -> None:
     """Run the emulator until it is stopped, or until every port answers. pendant_port: None for no pendant.
 
-    Raises ConfigError, NotReady, OSError.
+    controller: one to go on with. Raises ConfigError, NotReady, OSError.
     """
     screen = console(cast(TextIO, OUTPUT))
-    emulator = Emulator(replace(config, faults=()))  # faults begin once the emulator has proven to be ready
+    emulator = Emulator(
+        replace(config, faults=()), controller=controller
+    )  # faults begin once the emulator has proven to be ready
     async with AsyncExitStack() as running:
         running.enter_context(OUTPUT.in_background())
         running.enter_context(ERROR.in_background())

@@ -38,7 +38,7 @@ class RecordedSockets:
         self._opened: list[_RecordedSocket] = []
         self._count = 0
 
-    def open(self, address: str, port: int) -> "_RecordedSocket":
+    def open(self, address: str, port: int) -> ScriptSocket:
         opened = _RecordedSocket(self._backend.open(address, port), self._count, self._write)
         self._write("socket", self._count, opened.state, opened.failure, b"")
         self._count += 1
@@ -60,6 +60,7 @@ class RecordedSockets:
 
 class _RecordedSocket:
     def __init__(self, socket: ScriptSocket, number: int, write: Write) -> None:
+        self.inbox = socket.inbox
         self._socket = socket
         self._number = number
         self._write = write
@@ -69,21 +70,17 @@ class _RecordedSocket:
         self.failure = socket.failure
 
     @property
-    def inbox(self) -> bytearray:
-        return self._socket.inbox
-
-    @property
     def over(self) -> bool:
         return self.state == "closed"
 
     def look(self) -> None:
-        state, inbox = self._socket.state, self._socket.inbox
+        state, inbox = self._socket.state, self.inbox
         if state != self.state or len(inbox) != self._known:
             self.state, self.failure = state, self._socket.failure
             self._write("socket", self._number, state, self.failure, bytes(inbox[self._known :]))
 
     def rest(self) -> None:
-        self._known = len(self._socket.inbox)
+        self._known = len(self.inbox)
 
     def send(self, data: bytes) -> bool:
         sent = self._socket.send(data)
@@ -105,7 +102,7 @@ class ReplayedSockets:
         self._first: deque[tuple[SocketState, str]] = deque()  # of the sockets that will be opened next
         self._unsent: set[tuple[int, int]] = set()
 
-    def open(self, address: str, port: int) -> "_ReplayedSocket":
+    def open(self, address: str, port: int) -> ScriptSocket:
         state, failure = self._first.popleft() if self._first else ("closed", "it was not opened in the recorded run")
         socket = _ReplayedSocket(len(self._opened), state, failure, self._unsent)
         self._opened.append(socket)

@@ -118,6 +118,7 @@ class Recorder:
         self._seen: dict[Path, tuple[int, int]] = {}
         self._broken = False
         self._write("run", dict(header))
+        self._attempt(self._writer.flush)
 
     def attach(self, controller: Controller) -> None:
         """Record a controller from its first period on; call it before anything is posted."""
@@ -223,9 +224,8 @@ class Recorder:
         self._attempt(self._writer.flush)
 
     def _write(self, kind: str, *content: Any) -> None:
-        self._add(
-            [self.periods, kind, *(encode(part, self._numbers) if kind in _ENCODED else part for part in content)]
-        )
+        encoded = (encode(part, self._numbers) for part in content) if kind in _ENCODED else content
+        self._add([self.periods, kind, *encoded])
 
     def _add(self, record: Record) -> None:
         self._writer.add(record)

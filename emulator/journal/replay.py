@@ -213,9 +213,8 @@ class Replay:
         replayed, self._sums = self._sums[-len(recorded) :] if recorded else [], []
         self.checked += len(recorded)
         period_s = self.controller.period_s
-        bad = next(
-            (place for place, pair in enumerate(zip(recorded, replayed, strict=False)) if pair[0] != pair[1]), None
-        )
+        pairs = enumerate(zip(recorded, replayed, strict=False))
+        bad = next((place for place, (old, new) in pairs if old != new), None)
         now = json.loads(json.dumps(plain_values(self.controller.snapshot)))
         different = tuple(
             (name, old, now.get(name)) for name, old in (values or {}).items() if repr(old) != repr(now.get(name))

@@ -19,6 +19,7 @@ from emulator.mailbox import Command
 from emulator.robotapi.endpoints import OPERATIONS, Operation
 from emulator.world.shapes import Shape
 
+_OPERATIONS: Final = {(one.endpoint.method, one.endpoint.path): one for one in OPERATIONS}
 _PLAIN: Final = (bool, int, float, str, type(None))
 _EXTRA: Final[tuple[type, ...]] = (*get_args(Shape),)
 
@@ -61,8 +62,9 @@ def encode(value: Any, numbers: Numbers) -> Any:
         return {"@o": [value.endpoint.method, value.endpoint.path]}
     if isinstance(value, BaseException):
         return {"@x": f"{type(value).__name__}: {value}"}
-    if (names := _fields(type(value))) is not None:
-        return {"@": type(value).__name__} | {name: encode(getattr(value, name), numbers) for name in names}
+    kind: Any = type(value)
+    if (names := _fields(kind)) is not None:
+        return {"@": kind.__name__} | {name: encode(getattr(value, name), numbers) for name in names}
     if isinstance(value, tuple):
         return [encode(item, numbers) for item in value]
     if callable(value):
@@ -88,18 +90,21 @@ def _decode(value: Any, numbers: Numbers) -> Any:
         made = _classes()[content]
         hints = _hints(made)
         return made(**{name: _nobody if _is_function(hints[name]) else _decode(item, numbers) for name, item in fields})
-    return _DECODERS[kind](content, numbers)
-
-
-_DECODERS: Final[dict[str, Callable[[Any, Numbers], Any]]] = {
-    "@b": lambda content, _: b64decode(content),
-    "@e": lambda content, _: _classes()[content[0]](content[1]),
-    "@l": lambda content, numbers: [_decode(item, numbers) for item in content],
-    "@m": lambda content, numbers: {key: _decode(item, numbers) for key, item in content},
-    "@n": lambda content, numbers: numbers.session(content),
-    "@o": lambda content, _: _operations()[tuple(content)],
-    "@x": lambda content, _: RuntimeError(content),
-}
+    if kind == "@b":
+        return b64decode(content)
+    if kind == "@e":
+        return _classes()[content[0]](content[1])
+    if kind == "@l":
+        return [_decode(item, numbers) for item in content]
+    if kind == "@m":
+        return {key: _decode(item, numbers) for key, item in content}
+    if kind == "@n":
+        return numbers.session(content)
+    if kind == "@o":
+        return _OPERATIONS[tuple(content)]
+    if kind == "@x":
+        return RuntimeError(content)
+    raise ValueError(f"there is no kind {kind}")
 
 
 def _nobody(*_: object) -> None:
@@ -107,24 +112,19 @@ def _nobody(*_: object) -> None:
 
 
 @cache
-def _operations() -> dict[tuple[str, str], Operation]:
-    return {(one.endpoint.method, one.endpoint.path): one for one in OPERATIONS}
-
-
-@cache
-def _fields(kind: type) -> tuple[str, ...] | None:
+def _fields(kind: Any) -> tuple[str, ...] | None:
     """Names of the fields of a class whose objects are their fields; None for another class."""
     if dataclasses.is_dataclass(kind):
         return tuple(field.name for field in dataclasses.fields(kind) if field.init)
     if issubclass(kind, msgspec.Struct):
-        return kind.__struct_fields__
+        return tuple(kind.__struct_fields__)
     if issubclass(kind, tuple) and hasattr(kind, "_fields"):
         return tuple(kind._fields)
     return None
 
 
 @cache
-def _hints(kind: type) -> dict[str, Any]:
+def _hints(kind: Any) -> dict[str, Any]:
     return get_type_hints(kind)
 
 
@@ -141,12 +141,12 @@ def _classes() -> dict[str, type]:
     while waiting:
         hint = waiting.pop()
         waiting += get_args(hint)
-        if not isinstance(hint, type) or hint in found.values():
+        if not isinstance(hint, type) or found.get(hint.__name__) is hint:
             continue
-        if issubclass(hint, Enum):
+        names = _fields(hint)
+        if issubclass(hint, Enum) or names is not None:
             found[hint.__name__] = hint
-        elif _fields(hint) is not None:
-            found[hint.__name__] = hint
+        if names is not None:
             waiting += _hints(hint).values()
     return found
 
