@@ -25,7 +25,7 @@ from emulator.devices.tool_line import SerialDevice
 from emulator.faults.catalogue import describe
 from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
-from emulator.journal.file import JournalWriter
+from emulator.journal.file import JournalWriter, Sink
 from emulator.journal.recorder import Recorder, header_of
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
@@ -119,8 +119,9 @@ class Emulator:
     async def __aenter__(self) -> Self:
         """Open the ports and start the clock. Raises OSError for a port that cannot be opened."""
         async with AsyncExitStack() as starting:
-            starting.callback(self._end_journal)
-            self._begin_journal()
+            if self.config.journal is not None:
+                self._record(starting.enter_context(growing(self.config.journal)))
+                starting.callback(self._end_journal)
             if self.config.tool_device is not None:
                 self._line, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
             starting.push_async_callback(self._stop_services)
@@ -158,13 +159,11 @@ class Emulator:
 
     # the journal
 
-    def _begin_journal(self) -> None:
-        """Record from now on. Raises OSError for a file that cannot be written."""
-        if self.config.journal is not None:
-            writer = JournalWriter(growing(self.config.journal), background=True)
-            self._recorder = Recorder(writer, header_of(self.config.controller))
-            self._recorder.attach(self.controller)
-            self.control.on_call = self._recorder.called
+    def _record(self, sink: Sink) -> None:
+        """Record from now on. Raises OSError."""
+        self._recorder = Recorder(JournalWriter(sink, background=True), header_of(self.config.controller))
+        self._recorder.attach(self.controller)
+        self.control.on_call = self._recorder.called
 
     def _end_journal(self) -> None:
         if self._recorder is not None:

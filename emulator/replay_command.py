@@ -10,7 +10,6 @@ import typer
 
 from emulator.config import EmulatorConfig, check_client_limits
 from emulator.control.timing import parse_condition
-from emulator.journal.file import JournalError
 from emulator.journal.replay import Replay
 from emulator.logs import LogLevel, log_to_stderr
 from emulator.options import CONTROLLER_OPTIONS, RobotOptions, errors_in_one_line
@@ -47,23 +46,18 @@ def _replay(
     """Execute a recorded run again, in virtual time, and check that it is the same, period by period."""
     log_to_stderr(log_level)
     try:
-        replay = Replay(file)
         condition = _condition(until)
-    except (JournalError, ValueError) as error:
+        with Replay(file) as replay:
+            began_s = time.monotonic()
+            replay.run(condition)
+            _report(replay, time.monotonic() - began_s)
+            if go_on:
+                with errors_in_one_line():
+                    asyncio.run(serve(_config(replay, robot), None, None, controller=replay.leave()))
+    except ValueError as error:
         _fail(str(error), _USAGE_ERROR)
     except OSError as error:
         _fail(f"{file}: {error.strerror}", _USAGE_ERROR)
-    try:
-        began_s = time.monotonic()
-        replay.run(condition)
-        _report(replay, time.monotonic() - began_s)
-        if go_on:
-            with errors_in_one_line():
-                asyncio.run(serve(_config(replay, robot), None, None, controller=replay.leave()))
-    except JournalError as error:
-        _fail(str(error), _USAGE_ERROR)
-    finally:
-        replay.close()
 
 
 def _condition(text: str) -> Callable[[Snapshot], bool] | None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.commands.requests import DashboardLine
+from emulator.control.control import Control
 from emulator.controller import Controller
 from emulator.journal.doors import RecordedDevice, RecordedModbus, RecordedSockets, plain_values
 from emulator.journal.file import FORMAT, JournalWriter, Record
@@ -129,8 +130,8 @@ class Recorder:
 
     def rebooted(self, controller: Controller, boot_s: float, periods_off: int) -> None:
         """Continue with the controller after a restart."""
-        self.periods += periods_off
         self._write("reboot", boot_s, periods_off)
+        self.periods += periods_off
         self.attach(controller)
 
     def wrap_backends(self, controller: Controller) -> None:
@@ -242,3 +243,13 @@ class Recorder:
 
 
 _ENCODED: Final = frozenset({"socket", "modbus", "tool", "file"})
+
+
+def record(control: Control, writer: JournalWriter) -> Recorder:
+    """Record a robot whose time has not begun, from its first period on. Raises OSError."""
+    controller = control.controller
+    recorder = Recorder(writer, header_of(controller.config))
+    recorder.attach(controller)
+    recorder.wrap_backends(controller)
+    control.on_call = recorder.called
+    return recorder

@@ -23,6 +23,7 @@ from emulator.journal.recorder import checksum, product_version
 from emulator.journal.values import JournalValueError, Numbers, decode
 from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
+from urproto.compat import Self
 from urproto.controlapi import BadArguments, NotPossible
 
 _MOST_NAMED: Final = 5  # values that differ
@@ -39,7 +40,8 @@ class Difference:
     values: tuple[tuple[str, Any, Any], ...]
 
     def __str__(self) -> str:
-        named = "; ".join(f"{name} is {new}, recorded {old}" for name, old, new in self.values[:_MOST_NAMED])
+        telling = sorted(self.values, key=lambda value: isinstance(value[1], list))  # modes first
+        named = "; ".join(f"{name} is {new}, recorded {old}" for name, old, new in telling[:_MOST_NAMED])
         return f"period {self.period} ({self.time_s:.3f} s of robot time) differs{': ' if named else ''}{named}"
 
 
@@ -51,21 +53,25 @@ class _Robot(ControlledRobot):
 
 
 class Replay:
-    """A run that is executed again. controller: as it is now. header: from which the run was made.
+    """A run that is executed again; use it with ``with``. controller: as it is now. header: what the run was made from.
 
     Raises JournalError for a journal that cannot be replayed, and whatever `read_journal` raises.
     """
 
     def __init__(self, source: Path | bytes) -> None:
         self._records = read_journal(source)
-        self._folder = tempfile.TemporaryDirectory(prefix="ur-emulator-replay-")
         first = next(self._records, None)
         if first is None or first[1] != "run" or first[2].get("format") != FORMAT:
             raise JournalError("the journal has no beginning")
         self.header: dict[str, Any] = first[2]
         if self.header["problem"]:
             raise JournalError(f"the run cannot be replayed: {self.header['problem']}")
-        self.config = self._config()
+        self._folder = tempfile.TemporaryDirectory(prefix="ur-emulator-replay-")
+        try:
+            self.config = self._config()
+        except BaseException:
+            self._folder.cleanup()
+            raise
         self.periods = 0
         self.difference: Difference | None = None
         self.checked = 0  # periods that were compared with the recorded ones
@@ -82,7 +88,10 @@ class Replay:
         self._control = Control(self._robot, ManualPace(), self._faults)
         self._connect()
 
-    def close(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         """Remove the files of the run."""
         self._folder.cleanup()
 

@@ -1,9 +1,11 @@
-"""Emulators by model name, one at a time."""
+"""Emulators by model name, one at a time. Each is recorded: its run with all its clients must replay bit for bit."""
 
 from pathlib import Path
 
 from emulator_process import EmulatorProcess
 from rig import Rig
+
+from emulator.journal.replay import Replay
 
 _NEW = ["--model", "ur5e", "--polyscope", "5.26", "--remote-control"]
 ARGUMENTS = {
@@ -22,6 +24,7 @@ class Emulators:
 
     def __init__(self, positions: Path) -> None:
         self._positions = positions
+        self._journal = positions.with_name("run.journal")
         self._rig: Rig | None = None
 
     def get(self, model: str) -> Rig:
@@ -34,7 +37,8 @@ class Emulators:
 
     def arguments(self, model: str) -> list[str]:
         """Arguments of its command line."""
-        return [*ARGUMENTS[model][0], "--running", "--initial-positions", str(self._positions)]
+        recorded = ["--initial-positions", str(self._positions), "--journal", str(self._journal)]
+        return [*ARGUMENTS[model][0], "--running", *recorded]
 
     def close(self) -> None:
         rig, self._rig = self._rig, None
@@ -42,3 +46,10 @@ class Emulators:
             status = rig.process.stop() if rig.process.running else 0
             rig.process.dispose()
             assert status == 0, f"the {rig.model} emulator ended with status {status}"
+            self._replay()
+
+    def _replay(self) -> None:
+        with Replay(self._journal) as replay:
+            replay.run()
+            assert replay.difference is None, f"{replay.difference}; {self._journal} can be replayed"
+            assert replay.checked

@@ -1,0 +1,216 @@
+"""Replays of whole emulators, of random sessions, until a moment, and of runs that are not the same."""
+
+import asyncio
+import io
+import json
+import os
+from contextlib import suppress
+from random import Random
+
+import pytest
+from journal_rig import Recorded
+
+from emulator.app import Emulator
+from emulator.clock import StepClock
+from emulator.commands.requests import DashboardLine, RTDEInputs, ScriptUnit
+from emulator.control.timing import parse_condition
+from emulator.journal.file import MAGIC, JournalError, JournalWriter, read_journal
+from emulator.journal.replay import Replay
+from emulator.options import configure
+from urproto.controlapi import NotPossible
+from urproto.modes import RuntimeState
+
+SESSIONS = int(os.environ.get("RANDOM_SESSIONS", "6"))
+MOVE = "def go():\n  while True:\n    movej([0.2, -1.4, 1.5, -1.7, -1.5, 0.3 * random()])\n  end\nend\n"
+SCRIPTS = (
+    MOVE,
+    """def speed():
+  while True:
+    speedl([0, 0, 0.05, 0, 0, 0.2], 0.5, 0.1)
+    speedj([0.1, 0, 0, 0, 0, 0], 1, 0.1)
+  end
+end
+""",
+    """def force():
+  force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, -5, 0, 0, 0], 2, [0.1, 0.1, 0.1, 1, 1, 1])
+  sleep(0.5)
+  end_force_mode()
+end
+""",
+    "sec out():\n  set_digital_out(3, True)\nend\n",
+    "def wrong():\n  movej([0.1])\nend\n",
+    """def waits():
+  thread beside():
+    while True:
+      sync()
+    end
+  end
+  run beside()
+  popup("x", blocking=True)
+end
+""",
+)
+LINES = (
+    "pause",
+    "play",
+    "stop",
+    "power off",
+    "power on",
+    "brake release",
+    "unlock protective stop",
+    "close popup",
+    "?",
+)
+
+
+def act(run, chance):
+    robot = run.robot
+    kind = chance.randrange(6)
+    if kind == 0:
+        run.post(ScriptUnit(chance.choice(SCRIPTS), "block"))
+    elif kind == 1:
+        run.post(DashboardLine(chance.choice(LINES)))
+    elif kind == 2:
+        run.post(RTDEInputs({"speed_slider_mask": 1, "speed_slider_fraction": chance.random()}))
+    elif kind == 3:
+        robot.set_digital_input(chance.randrange(8), chance.random() < 0.5)
+    elif kind == 4 and robot.controller.snapshot.safety_mode == 1:
+        robot.press_emergency_stop() if chance.random() < 0.3 else robot.push_tool(
+            [0.0, 0.0, chance.uniform(-30, 30), 0.0, 0.0, 0.0]
+        )
+    elif kind == 5:
+        robot.inject_fault(chance.choice(("lagging_joint", "frozen_feedback")), joint=chance.randrange(6), lasting=0.2)
+    robot.step(chance.randrange(1, 120))
+
+
+@pytest.mark.parametrize("seed", range(SESSIONS))
+def test_random_sessions(seed):
+    chance = Random(f"session {seed}")
+    model, arm = chance.choice(("ur3", "ur5e", "ur10e")), chance.choice(("ideal", "dynamic"))
+    run = Recorded(model, arm=arm, seed=seed)
+    for _ in range(30):
+        with suppress(NotPossible):
+            act(run, chance)
+    run.is_repeated()
+
+
+async def test_an_emulator_with_faults_and_a_restart(tmp_path):
+    journal = tmp_path / "run.journal"
+    options = {"model": "ur5e", "running": True, "ephemeral_ports": True, "fault": ["joint_fault,joint=2,after=9"]}
+    config = configure(**options, journal=journal)
+    clock = StepClock()
+    async with Emulator(config, clock) as emulator:
+        emulator.control.send_script(MOVE)
+        clock.step(100)
+        emulator.control.inject_fault("drop_connection", port="rtde")
+        emulator.control.inject_fault("frozen_feedback", joint=1, lasting=0.1)
+        clock.step(200)
+        emulator.control.inject_fault("restart_controller", boot_s=0.5, outage_s=0.2)
+        before = emulator.controller
+        for _ in range(400):
+            clock.step(1)
+            await asyncio.sleep(0)
+            if emulator.controller is not before:
+                break
+        assert emulator.controller is not before
+        clock.step(700)
+        uptime_s = emulator.controller.time_s
+    with Replay(journal) as replay:
+        replay.run()
+        assert replay.difference is None, str(replay.difference)
+        assert replay.checked > 900
+        assert replay.controller.time_s == uptime_s
+
+
+def test_until_a_moment_and_on_from_there():
+    run = Recorded()
+    run.robot.send_script(MOVE)
+    run.robot.step(900)
+    with run.replay() as again:
+        again.run(parse_condition("runtime_state == PLAYING"))
+        assert again.controller.snapshot.runtime_state is RuntimeState.PLAYING
+        early = again.periods
+        assert early < 900
+        controller = again.leave()
+        before = controller.snapshot.target_q
+        for _ in range(300):
+            controller.tick()
+        assert controller.snapshot.target_q != before
+
+
+def altered(journal, change):
+    """The journal with another list of records."""
+    sink = io.BytesIO()
+    writer = JournalWriter(sink)
+    for record in change(list(read_journal(journal))):
+        writer.add(record)
+    writer.flush()
+    return sink.getvalue()
+
+
+def test_the_first_period_that_differs_is_named_with_what_differs():
+    run = Recorded()
+    run.robot.step(600)
+    run.post(RTDEInputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.5}))
+    run.robot.send_script(MOVE)
+    run.robot.step(1000)
+
+    def without_the_slider(records):
+        return [one for one in records if not (one[1] == "post" and "RTDEInputs" in json.dumps(one))]
+
+    with Replay(altered(run.journal, without_the_slider)) as replay:
+        replay.run()
+        assert replay.difference is not None
+        assert 600 < replay.difference.period <= 1000
+        assert "target_speed_fraction is 1.0, recorded 0.5" in str(replay.difference)
+        assert "report it with the journal" in replay.advice
+        replay.header["product"] = "0.0.1"
+        assert "change of behaviour" in replay.advice
+
+
+def test_a_journal_that_was_cut_ends_earlier_and_one_that_is_damaged_says_so():
+    run = Recorded()
+    run.robot.send_script(MOVE)
+    run.robot.step(1500)
+    journal = run.journal
+    whole = len(list(read_journal(journal)))
+    assert len(list(read_journal(journal[:-3]))) < whole
+    chance = Random(1)
+    for _ in range(200):
+        damaged = bytearray(journal)
+        damaged[chance.randrange(len(damaged))] ^= 1 << chance.randrange(8)
+        records = read_journal(bytes(damaged))
+        with suppress(JournalError):
+            assert len(list(records)) <= whole
+
+
+def begun(**changes):
+    """A change of the first record."""
+    return lambda records: [[0, "run", {**records[0][2], **changes}], *records[1:]]
+
+
+def with_record(*content):
+    return lambda records: [records[0], [0, *content]]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda records: records[1:], "no beginning"),
+        (begun(problem="it was not made from options"), "cannot be replayed: it was not made from options"),
+        (begun(options={"polyscope": "99.0"}), "cannot make the robot"),
+        (begun(files={"programs": {"../../x": ""}}), "outside of its folder"),
+        (with_record("telepathy", 1), "unknown kind, 'telepathy'"),
+        (with_record("post", {"@": "Popen", "args": "x"}), "unknown value"),
+    ],
+)
+def test_journals_that_cannot_be_replayed(change, message):
+    run = Recorded()
+    run.robot.step(1)
+    with pytest.raises(JournalError, match=message), Replay(altered(run.journal, change)) as replay:
+        replay.run()
+
+
+def test_a_foreign_file():
+    with pytest.raises(JournalError, match="not a journal"):
+        list(read_journal(b"PK" + MAGIC))
