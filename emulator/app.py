@@ -25,7 +25,7 @@ from emulator.devices.tool_line import SerialDevice
 from emulator.faults.catalogue import describe
 from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
-from emulator.journal.file import JournalWriter, Sink
+from emulator.journal.file import JournalWriter, MemorySink
 from emulator.journal.recorder import Recorder, header_of
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
@@ -86,7 +86,7 @@ class Emulator:
         self._scripts.read_budget = self.read_budget
         ports = ChainMap[str, Port]({self._scripts.name: self._scripts}, self.servers)
         self.faults = FaultInjector(self.controller, ports, real, self)
-        self.control = LiveControl(self.controller, real or ManualPace(), self.servers, self.faults)
+        self.control = LiveControl(self.controller, real or ManualPace(), self.servers, self.faults, self._journal)
         if config.control:
             server = ControlServer(self.controller, self.control, config.control_token, lambda: metrics(self))
             server.limits, server.read_budget = config.client_limits, self.read_budget
@@ -119,9 +119,8 @@ class Emulator:
     async def __aenter__(self) -> Self:
         """Open the ports and start the clock. Raises OSError for a port that cannot be opened."""
         async with AsyncExitStack() as starting:
-            if self.config.journal is not None:
-                self._record(starting.enter_context(growing(self.config.journal)))
-                starting.callback(self._end_journal)
+            self._record(starting)
+            starting.callback(self._end_journal)
             if self.config.tool_device is not None:
                 self._line, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
             starting.push_async_callback(self._stop_services)
@@ -159,11 +158,20 @@ class Emulator:
 
     # the journal
 
-    def _record(self, sink: Sink) -> None:
-        """Record from now on. Raises OSError."""
-        self._recorder = Recorder(JournalWriter(sink, background=True), header_of(self.config.controller))
+    def _record(self, starting: AsyncExitStack) -> None:
+        """Record from now on, in a file or in memory. Raises OSError."""
+        header, path = header_of(self.config.controller), self.config.journal
+        if path is None:
+            memory = MemorySink()
+            self._recorder = Recorder(JournalWriter(memory, background=True), header, memory)
+        else:
+            file = starting.enter_context(growing(path))
+            self._recorder = Recorder(JournalWriter(file, background=True), header)
         self._recorder.attach(self.controller)
         self.control.on_call = self._recorder.called
+
+    def _journal(self) -> bytes:
+        return b"" if self._recorder is None else self._recorder.journal
 
     def _end_journal(self) -> None:
         if self._recorder is not None:

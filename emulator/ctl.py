@@ -4,6 +4,7 @@ The list of verbs comes from the emulator, so this works with any version of it.
 """
 
 import json
+from base64 import b64decode
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -19,6 +20,7 @@ from urproto.ports import CONTROL_API_PORT
 from urproto.text import json_document, unknown
 
 _FAILED: Final = 1
+_WRITTEN: Final = ("save", "journal")
 _USAGE_ERROR: Final = 2
 _LONG: Final = ("tuple[", "list[", "Sequence[")  # types of several values
 
@@ -36,7 +38,9 @@ def _ctl(
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port of the control API.")] = CONTROL_API_PORT,
     token: Annotated[str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Token of the control API.")] = "",
-    file: Annotated[Path | None, typer.Option("--file", "-f", help="File that save writes, or restore reads.")] = None,
+    file: Annotated[
+        Path | None, typer.Option("--file", "-f", help="File that save and journal write, or restore reads.")
+    ] = None,
 ) -> None:
     """Use the control API of a running emulator: inputs, buttons, faults, time. Results are JSON."""
     client = ControlClient(host, port, token, timeout_s=None)
@@ -48,7 +52,8 @@ def _ctl(
         name = verb.replace("-", "_")
         if name not in verbs:
             raise BadArguments(unknown("verb", verb, verbs))
-        _show(client.call(name, _arguments(verbs[name], values or [], file)), file if name == "save" else None)
+        result = client.call(name, _arguments(verbs[name], values or [], file))
+        _show(result, file if name in _WRITTEN else None)
     except (BadArguments, OSError) as error:
         _fail(str(error), _USAGE_ERROR)
     except NotPossible as error:
@@ -108,7 +113,7 @@ def _read(file: Path) -> Any:
 
 def _show(result: Any, file: Path | None) -> None:
     if file is not None:
-        write_file(file, json.dumps(result, indent=2) + "\n")
+        write_file(file, b64decode(result) if isinstance(result, str) else json.dumps(result, indent=2) + "\n")
     elif result is not None:
         typer.echo(json.dumps(result, indent=2))
 

@@ -118,6 +118,10 @@ class InputRecorder(Protocol):
     def end(self, snapshot: Snapshot) -> None:
         """A control period is over."""
 
+    @property
+    def journal(self) -> bytes:
+        """The run so far, if it is kept in memory; empty if not."""
+
 
 class ProgramControl(Protocol):
     """Control of the main program, for parts that stop and resume it."""
@@ -159,6 +163,8 @@ class Machine(ABC):
     """The snapshot published last."""
     work: WorkShare
     """The budget for work that others cause."""
+    recorder: "InputRecorder | None"
+    """Records what enters; None if nothing does."""
 
     messages: MessageLog
     popups: Popups

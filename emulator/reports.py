@@ -116,6 +116,8 @@ def write_crash(machine: Machine, source: str | None, stage: str, trace: str) ->
         archive.writestr("log_history.txt", readable(_log(machine)))
         if source is not None:
             archive.writestr("program.script", to_bytes(source))
+        if machine.recorder is not None and (journal := machine.recorder.journal):
+            archive.writestr("run.journal", journal)
     return path
 
 

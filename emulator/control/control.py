@@ -5,6 +5,7 @@ such a class; to add a subject, name its class in ``SUBJECTS`` and among the bas
 """
 
 import inspect
+from base64 import b64encode
 from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
@@ -70,15 +71,23 @@ class FaultVerbs(Verbs):
 
 
 class PortVerbs(Verbs):
-    """Verbs about a robot's ports and their clients. ``pendant_report``: returns the state of the teach pendant."""
+    """Verbs about a robot's ports, their clients, and its process.
+
+    ``pendant_report``: returns the state of the teach pendant. ``journal``: the recorded run, empty if there is none.
+    """
 
     changes = False
 
     def __init__(
-        self, robot: ControlledRobot, ports: Mapping[str, Port], pendant_report: Callable[[], dict[str, Any]]
+        self,
+        robot: ControlledRobot,
+        ports: Mapping[str, Port],
+        pendant_report: Callable[[], dict[str, Any]],
+        journal: Callable[[], bytes],
     ) -> None:
         super().__init__(robot)
         self._ports = ports
+        self._journal = journal
         self._pendant_report = pendant_report
 
     @verb
@@ -100,6 +109,16 @@ class PortVerbs(Verbs):
         client was disconnected for this reason; wrong token: it sent one to the control API.
         """
         return {name: counts for name, server in self._ports.items() if (counts := server.turned_away.counts)}
+
+    @verb
+    def journal(self) -> str:
+        """Everything that has entered the robot since its start, in base64, for ``ur-emulator replay``.
+
+        ``ur-emulator ctl journal --file run.journal`` writes it to a file.
+        """
+        if not (content := self._journal()):
+            raise NotPossible("the run is not in memory: it is too long, or --journal writes it to a file")
+        return b64encode(content).decode()
 
     @verb
     def pendant(self) -> dict[str, Any]:
@@ -248,11 +267,18 @@ class LiveControl(Control, _MethodsOfPorts):
 
     SUBJECTS: ClassVar[tuple[type[Verbs], ...]] = (*Control.SUBJECTS, PortVerbs)
 
-    def __init__(self, controller: Controller, pace: Pace, ports: Mapping[str, Port], faults: FaultInjector) -> None:
+    def __init__(
+        self,
+        controller: Controller,
+        pace: Pace,
+        ports: Mapping[str, Port],
+        faults: FaultInjector,
+        journal: Callable[[], bytes] = bytes,
+    ) -> None:
         robot = _ServedRobot(controller)
         super().__init__(robot, pace, faults)
         self.pendant_report: Callable[[], dict[str, Any]] = dict
-        self._take(PortVerbs(robot, ports, lambda: self.pendant_report()))
+        self._take(PortVerbs(robot, ports, lambda: self.pendant_report(), journal))
 
     def switched_on(self, controller: Controller) -> None:
         """Use the robot's new controller from now on."""

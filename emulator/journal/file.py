@@ -11,6 +11,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from errno import ENOSPC
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Protocol
 
@@ -19,6 +20,8 @@ MAGIC: Final = b"ur-emulator journal 1\n"
 _HEADER: Final = struct.Struct("!II")
 _MAX_FRAME: Final = 2**28  # bytes, of which none that was written has as many
 _LEVEL: Final = 1  # of compression: a quarter of the time of the usual level, a tenth more bytes
+MOST_IN_MEMORY: Final = 64 * 1024 * 1024
+"""Bytes of a journal that is kept in memory; guess: half an hour of a stream of setpoints."""
 Record = list[Any]
 
 
@@ -32,6 +35,29 @@ class Sink(Protocol):
     def write(self, data: bytes, /) -> object: ...
 
     def flush(self) -> object: ...
+
+
+class MemorySink:
+    """Keeps a journal in memory, as long as it is not too long."""
+
+    def __init__(self, limit: int = MOST_IN_MEMORY) -> None:
+        self._parts: list[bytes] = []
+        self._room = limit
+
+    def write(self, data: bytes) -> None:
+        """Raises OSError once there is no more room; what was kept is given up then."""
+        self._room -= len(data)
+        if self._room < 0:
+            self._parts.clear()
+            raise OSError(ENOSPC, "it is too long for the memory; --journal FILE has no limit")
+        self._parts.append(data)
+
+    def flush(self) -> None: ...
+
+    @property
+    def content(self) -> bytes:
+        """The journal so far; empty if it was too long."""
+        return b"".join(self._parts)
 
 
 class JournalWriter:
@@ -61,6 +87,12 @@ class JournalWriter:
             self._worker.submit(self._write_unless_broken, lines)
         if self._problem is not None:
             raise self._problem
+
+    def drain(self) -> None:
+        """Write the frame, and wait for it. Raises OSError."""
+        self.flush()
+        if self._worker is not None:
+            self._worker.submit(int).result()
 
     def close(self) -> None:
         """Write the last frame, and wait for it. Raises OSError."""

@@ -22,7 +22,7 @@ from emulator.commands.requests import DashboardLine
 from emulator.control.control import Control
 from emulator.controller import Controller
 from emulator.journal.doors import RecordedDevice, RecordedModbus, RecordedSockets, plain_values
-from emulator.journal.file import FORMAT, JournalWriter, Record
+from emulator.journal.file import FORMAT, JournalWriter, MemorySink, Record, Sink
 from emulator.journal.values import JournalValueError, Numbers, encode
 from emulator.machine import ControllerConfig
 from emulator.mailbox import Command
@@ -41,10 +41,21 @@ def product_version() -> str:
     return version("ur-emulator")
 
 
-def checksum(snapshot: Snapshot) -> int:
-    """Of one control period."""
-    modes = int(snapshot.robot_mode), int(snapshot.safety_mode), int(snapshot.runtime_state)
-    return zlib.crc32(_STATE.pack(*snapshot.target_q, *snapshot.target_qd, *snapshot.actual_q, *modes))
+class Checksums:
+    """Checksums of control periods, one after the other."""
+
+    def __init__(self) -> None:
+        self._seen: tuple[Any, ...] = ()
+        self._sum = 0
+
+    def of(self, snapshot: Snapshot) -> int:
+        """The checksum of one period; a period in which nothing changed costs little."""
+        modes = snapshot.robot_mode, snapshot.safety_mode, snapshot.runtime_state
+        values = snapshot.target_q, snapshot.target_qd, snapshot.actual_q, modes
+        if values != self._seen:
+            self._seen = values
+            self._sum = zlib.crc32(_STATE.pack(*values[0], *values[1], *values[2], *map(int, modes)))
+        return self._sum
 
 
 def header_of(config: ControllerConfig) -> dict[str, Any]:
@@ -102,14 +113,16 @@ class _Files:
 
 
 class Recorder:
-    """Records one run, also across restarts of its controller. periods: that are over."""
+    """Records one run, also across restarts of its controller. periods: that are over. memory: where it is kept."""
 
-    def __init__(self, writer: JournalWriter, header: Mapping[str, Any]) -> None:
+    def __init__(self, writer: JournalWriter, header: Mapping[str, Any], memory: MemorySink | None = None) -> None:
         self.periods = 0
         self._writer = writer
+        self._memory = memory
         self._numbers = Numbers()
         self._ticking = False
         self._late: list[Record] = []  # of commands posted during a period, which apply to the next one
+        self._sums = Checksums()
         self._checksums = array("L")
         self._second = 0
         self._verbs = 0
@@ -141,6 +154,17 @@ class Recorder:
         programs.modbus.backend = self._modbus = RecordedModbus(programs.modbus.backend, self._write)
         if (device := controller.tool_line.device) is not None:
             controller.tool_line.device = RecordedDevice(device, self._write)
+
+    @property
+    def journal(self) -> bytes:
+        """The run so far, if it is kept in memory; empty if not, or if it is too long."""
+        if self._memory is None:
+            return b""
+        self._end_second(None)
+        if self._ticking:  # it failed: the replay is to get as far
+            self._writer.add([self.periods + 1, "failed"])
+        self._attempt(self._writer.drain)
+        return self._memory.content
 
     def close(self) -> None:
         """Write what is left."""
@@ -213,7 +237,7 @@ class Recorder:
         for record in self._late:
             self._add(record)
         self._late.clear()
-        self._checksums.append(checksum(snapshot))
+        self._checksums.append(self._sums.of(snapshot))
         if self.periods % self._second == 0:
             self._end_second(snapshot)
 
@@ -239,16 +263,18 @@ class Recorder:
             work()
         except OSError as error:
             self._broken = True
-            _logger.error("the journal ends here: %s", error.strerror or error)
+            level = logging.INFO if self._memory is not None else logging.ERROR
+            _logger.log(level, "the journal ends here: %s", error.strerror or error)
 
 
 _ENCODED: Final = frozenset({"socket", "modbus", "tool", "file"})
 
 
-def record(control: Control, writer: JournalWriter) -> Recorder:
+def record(control: Control, sink: Sink) -> Recorder:
     """Record a robot whose time has not begun, from its first period on. Raises OSError."""
     controller = control.controller
-    recorder = Recorder(writer, header_of(controller.config))
+    memory = sink if isinstance(sink, MemorySink) else None
+    recorder = Recorder(JournalWriter(sink), header_of(controller.config), memory)
     recorder.attach(controller)
     recorder.wrap_backends(controller)
     control.on_call = recorder.called

@@ -19,7 +19,7 @@ from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.doors import ReplayedDevice, ReplayedModbus, ReplayedSockets, plain_values
 from emulator.journal.file import FORMAT, JournalError, Record, read_journal
-from emulator.journal.recorder import checksum, product_version
+from emulator.journal.recorder import Checksums, product_version
 from emulator.journal.values import JournalValueError, Numbers, decode
 from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
@@ -76,7 +76,7 @@ class Replay:
         self.difference: Difference | None = None
         self.checked = 0  # periods that were compared with the recorded ones
         self._numbers = Numbers()
-        self._sums: list[int] = []
+        self._checksums, self._sums = Checksums(), list[int]()
         self._steps: dict[int, Generator[None, None, Any]] = {}
         self._verbs = 0
         self._first_bad: tuple[int, float] | None = None
@@ -147,7 +147,7 @@ class Replay:
     def _tick(self) -> None:
         self.controller.tick()
         self.periods += 1
-        self._sums.append(checksum(self.controller.snapshot))
+        self._sums.append(self._checksums.of(self.controller.snapshot))
         for number, steps in list(self._steps.items()):
             self._continue(number, steps)
 
@@ -184,6 +184,9 @@ class Replay:
             return
         if isinstance(result, Generator):
             self._continue(number, result)
+
+    def _apply_failed(self) -> None:
+        """The period before this record failed in the recorded run; here, it has just been executed."""
 
     def _apply_left(self, number: int) -> None:
         if (steps := self._steps.pop(number, None)) is not None:

@@ -1,8 +1,6 @@
 """A robot in virtual time that is recorded, and the replay of its run."""
 
-import io
-
-from emulator.journal.file import JournalWriter
+from emulator.journal.file import MemorySink
 from emulator.journal.recorder import record
 from emulator.journal.replay import Replay
 from emulator.virtual import virtual_robot
@@ -14,8 +12,7 @@ class Recorded:
     def __init__(self, model="ur5e", prepare=lambda robot: None, **options):
         self.robot = virtual_robot(model, **{"running": True, **options})
         prepare(self.robot)
-        self._sink = io.BytesIO()
-        self._recorder = record(self.robot, JournalWriter(self._sink))
+        self._recorder = record(self.robot, MemorySink())
 
     def post(self, command):
         answers = []
@@ -24,8 +21,7 @@ class Recorded:
 
     @property
     def journal(self):
-        self._recorder.close()
-        return self._sink.getvalue()
+        return self._recorder.journal
 
     def replay(self):
         return Replay(self.journal)

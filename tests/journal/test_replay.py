@@ -4,6 +4,8 @@ import asyncio
 import io
 import json
 import os
+import zipfile
+from base64 import b64decode
 from contextlib import suppress
 from random import Random
 
@@ -14,10 +16,12 @@ from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.commands.requests import DashboardLine, RTDEInputs, ScriptUnit
 from emulator.control.timing import parse_condition
-from emulator.journal.file import MAGIC, JournalError, JournalWriter, read_journal
+from emulator.journal.file import MAGIC, JournalError, JournalWriter, MemorySink, read_journal
+from emulator.journal.recorder import record
 from emulator.journal.replay import Replay
 from emulator.options import configure
-from urproto.controlapi import NotPossible
+from emulator.virtual import virtual_robot
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import RuntimeState
 
 SESSIONS = int(os.environ.get("RANDOM_SESSIONS", "6"))
@@ -89,7 +93,7 @@ def test_random_sessions(seed):
     model, arm = chance.choice(("ur3", "ur5e", "ur10e")), chance.choice(("ideal", "dynamic"))
     run = Recorded(model, arm=arm, seed=seed)
     for _ in range(30):
-        with suppress(NotPossible):
+        with suppress(NotPossible, BadArguments):
             act(run, chance)
     run.is_repeated()
 
@@ -142,8 +146,8 @@ def altered(journal, change):
     """The journal with another list of records."""
     sink = io.BytesIO()
     writer = JournalWriter(sink)
-    for record in change(list(read_journal(journal))):
-        writer.add(record)
+    for one in change(list(read_journal(journal))):
+        writer.add(one)
     writer.flush()
     return sink.getvalue()
 
@@ -214,3 +218,41 @@ def test_journals_that_cannot_be_replayed(change, message):
 def test_a_foreign_file():
     with pytest.raises(JournalError, match="not a journal"):
         list(read_journal(b"PK" + MAGIC))
+
+
+@pytest.mark.emulator_fails
+def test_a_crash_report_has_the_journal_up_to_the_failure(tmp_path):
+    run = Recorded(programs=tmp_path)
+    run.robot.send_script(MOVE)
+    run.robot.step(400)
+    run.robot.controller.on_tick.append(lambda: 1 / 0)
+    run.robot.step(1)
+    (report,) = tmp_path.glob("crash_*.zip")
+    with zipfile.ZipFile(report) as archive, Replay(archive.read("run.journal")) as replay:
+        replay.run()
+        assert replay.difference is None
+        assert replay.controller.step_count == run.robot.controller.step_count
+        assert replay.controller.programs.state is RuntimeState.PLAYING
+
+
+def test_a_journal_in_memory_is_given_up_when_it_is_too_long():
+    sink = MemorySink(limit=20_000)
+    robot = virtual_robot("ur5e", running=True)
+    recorder = record(robot, sink)
+    robot.send_script(MOVE)
+    robot.step(500)
+    assert recorder.journal
+    robot.step(9000)
+    assert recorder.journal == b""
+    robot.step(10)
+
+
+async def test_the_control_api_hands_the_journal_out():
+    clock = StepClock()
+    async with Emulator(configure(model="ur3", ephemeral_ports=True), clock) as emulator:
+        emulator.control.release_brakes()
+        clock.step(200)
+        journal = b64decode(emulator.control.journal())
+        with Replay(journal) as replay:
+            replay.run()
+            assert (replay.difference, replay.periods) == (None, 200)

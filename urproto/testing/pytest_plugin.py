@@ -3,8 +3,11 @@
 The plugin hardly slows down other pytest runs: the fixtures' dependencies are imported when a test requests one.
 """
 
-from collections.abc import Generator, Iterator, Mapping
+import re
+from base64 import b64decode
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import pytest
@@ -25,6 +28,7 @@ _MARKERS: Final = (
 )
 
 _started: "pytest.StashKey[list[EmulatorProcess]]" = pytest.StashKey()
+_journals: "pytest.StashKey[tuple[Path, dict[str, Callable[[], bytes]]]]" = pytest.StashKey()  # of a test's robots
 _failed: "pytest.StashKey[bool]" = pytest.StashKey()
 _allowed: "pytest.StashKey[Resources | None]" = pytest.StashKey()  # of the current test, if it uses robots
 
@@ -66,6 +70,7 @@ def make_ur_emulator(
     from urproto.testing.process import EmulatorProcess, command_line, write_positions
 
     emulators = request.node.stash[_started] = []
+    _, journals = request.node.stash[_journals] = tmp_path_factory.getbasetemp(), {}
 
     def make(model: str | None = None, **options: Any) -> EmulatorProcess:
         __tracebackhide__ = True
@@ -73,8 +78,9 @@ def make_ur_emulator(
         token = options.pop("control_token", "")
         if (q_rad := options.pop("initial_q", None)) is not None:
             options["initial_positions"] = write_positions(tmp_path_factory.mktemp("ur") / "positions.yaml", q_rad)
-        emulators.append(EmulatorProcess(command_line(options), token=token))
-        return emulators[-1].start()
+        emulators.append(started := EmulatorProcess(command_line(options), token=token))
+        journals[f"ur_emulator {started.host}"] = lambda: b64decode(started.journal())
+        return started.start()
 
     try:
         yield make
@@ -95,12 +101,18 @@ def ur_emulator(request: pytest.FixtureRequest, make_ur_emulator: MakeEmulator) 
 
 
 @pytest.fixture
-def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "Iterator[VirtualRobot]":
+def ur_robot(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, _ur_tasks: None
+) -> "Iterator[VirtualRobot]":
     """A robot in this process, in virtual time and without ports: the verbs of the control API as methods."""
+    from emulator.journal.file import MemorySink
+    from emulator.journal.recorder import record
     from urproto.testing import virtual_robot
 
     __tracebackhide__ = True
     robot = virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))
+    recorder = record(robot, MemorySink())
+    request.node.stash[_journals] = tmp_path_factory.getbasetemp(), {"ur_robot": lambda: recorder.journal}
     began_s = robot.controller.time_s
     yield robot
     request.node.user_properties.append(("ur_robot_s", robot.controller.time_s - began_s))
@@ -250,4 +262,16 @@ def pytest_runtest_makereport(
             report.sections += [
                 (f"ur_emulator {emulator.host}: {name}", text) for name, text in emulator.explanation().items()
             ]
+        report.sections += [(f"{name}: see it again", f"ur-emulator replay {path}") for name, path in _written(item)]
     return report
+
+
+def _written(item: pytest.Item) -> Iterator[tuple[str, Path]]:
+    """Write the journals of a failed test's robots; yields the robots' names and the files."""
+    folder, journals = item.stash.get(_journals, (Path(), {}))
+    for name, journal in journals.items():
+        with suppress(Exception):  # the robot may be what failed
+            path = folder / f"{re.sub(r'[^A-Za-z0-9.]+', '_', f'{item.name} {name}')}.journal"
+            if content := journal():
+                path.write_bytes(content)
+                yield name, path
