@@ -6,6 +6,7 @@ an operation of the Robot API, ``@x`` an exception's text. Functions are left ou
 """
 
 import dataclasses
+import sys
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterator, Mapping
 from enum import Enum
@@ -157,5 +158,6 @@ def commands() -> Iterator[type[Command]]:
     while waiting:
         kind = waiting.pop()
         waiting += kind.__subclasses__()
-        if dataclasses.is_dataclass(kind):
+        # a class with slots is a copy of the one that was written, which stays among the subclasses
+        if dataclasses.is_dataclass(kind) and getattr(sys.modules[kind.__module__], kind.__name__) is kind:
             yield kind

@@ -1,34 +1,84 @@
 """Whatever enters a controller is in its journal: a replay of the run is the run."""
 
+import ast
+import inspect
+import json
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 from journal_rig import Recorded
 
+from emulator.app import Emulator
+from emulator.commands import world
 from emulator.commands.requests import (
     DashboardLine,
     GripperCall,
     InterpreterLine,
     ModbusCall,
+    MountPayload,
     PopupAnswer,
+    RefusedScript,
     RTDEInputs,
     ScriptUnit,
+    ServingFailed,
     ToolBytes,
 )
+from emulator.commands.safety import ArmSupply, FreedriveButton, Jog, SetSafetyDevice, SetSafetyInput, TripSafety
 from emulator.devices.gripper_requests import GripperSession
 from emulator.devices.tool_line import EchoDevice
+from emulator.journal import values
 from emulator.journal.doors import DOORS
 from emulator.journal.file import read_journal
+from emulator.journal.values import commands
+from emulator.robot.installation import Payload
+from emulator.robotapi.endpoints import OPERATIONS
+from emulator.robotapi.server import RobotApiCall
+from emulator.safety.causes import Cause
+from emulator.safety.signals import SafetyDevice
+from emulator.servers import rtde
+from emulator.servers.port import ServedController
 from emulator.services.modbus import MemoryModbus, MemoryUnit, ModbusUnit
 from emulator.services.sockets import MemorySockets
-from urproto.robotiq import RequestDecoder
+from emulator.world.shapes import Box, Frame, Push, Sphere, WorldObject
+from urproto.robotiq import Get, InvalidRequest, RequestDecoder, Set
+from urscript.polyscope.safety_configuration import SafetyInput
 
 MOVE = """def go():
   movej([0.2, -1.4, 1.5, -1.7, -1.5, 0.3])
   movel(pose_add(get_target_tcp_pose(), p[0, 0, 0.05, 0, 0, 0]))
 end
 """
+
+
+COMMANDS = (
+    DashboardLine("load a\xfc\udcff.urp", restricted=True),
+    ScriptUnit("a = 1\n", "line"),
+    RefusedScript("b", "c"),
+    RTDEInputs({"input_bit_registers0_to_31": 3, "external_force_torque": (1.0, math.inf, -0.0, 1e-300, 0.1, 2.0)}),
+    PopupAnswer(3, None),
+    MountPayload(Payload(1.5, (0.0, 0.1, 0.2))),
+    ModbusCall(b"\x00\xff"),
+    ToolBytes(b"\n"),
+    GripperCall((Get("POS"), Set((("GTO", 1),)), InvalidRequest("?")), GripperSession()),
+    SetSafetyDevice(SafetyDevice.EMERGENCY_STOP, True),
+    SetSafetyInput(SafetyInput.SAFEGUARD_RESET, False),
+    TripSafety(next(iter(Cause)), 3),
+    ArmSupply(False),
+    FreedriveButton(True),
+    Jog((0.1, 0.0, 0.0, 0.0, 0.0, -0.1)),
+    world.PushTool(Push((0.0, 0.0, 5.0, 0.0, 0.0, 0.0), Frame.TOOL, 0.5)),
+    world.ReleaseTool(),
+    world.AddObject(WorldObject(Box((0.1, 0.2, 0.3)), (0.5, 0.0, 0.1, 0.0, 0.0, 0.0))),
+    world.MoveObject("box", (0.1, 0.2, 0.3, 0.0, 0.0, 0.0)),
+    world.RemoveObject("box"),
+    world.ResetWorld(),
+    world.MountTool(WorldObject(Sphere(0.1))),
+    rtde._Note("hello"),
+    RobotApiCall(OPERATIONS[0], ()),
+)
+ELSEWHERE = {InterpreterLine, ServingFailed}  # with functions and exceptions, which do not compare equal
 
 
 def kinds(run):
@@ -168,6 +218,39 @@ def test_programs_that_change_while_it_runs(tmp_path):
     assert "file" in kinds(run)
     program.unlink()
     run.is_repeated()
+
+
+def test_servers_have_no_other_door_than_post():
+    """mypy sees to it that they use nothing else of a controller."""
+    own = {name for name in vars(ServedController) if not name.startswith("_")}
+    assert own == {"version", "situation", "snapshot", "post", "subscribe"}
+
+
+def test_the_emulator_has_no_other_doors():
+    """What it does with its controller: connect, read, end, and tell how long the last period took, which no one sees
+    but its clients.
+    """
+    known = {
+        *("messages", "shutdown_requested", "gripper", "world", "snapshot", "period_s", "model", "version"),  # read
+        *("tick", "programs", "tool_line", "recorder", "execution_time_ms"),
+    }
+    app = ast.parse(Path(inspect.getfile(Emulator)).read_text())
+    used = {node.attr for node in ast.walk(app) if isinstance(node, ast.Attribute) and _is_controller(node.value)}
+    assert used == known
+
+
+def _is_controller(node: ast.AST) -> bool:
+    name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+    return name in ("controller", "before")
+
+
+def test_every_command_is_encoded_and_comes_back():
+    for kind in commands():
+        assert kind.__name__ in values._classes()
+    numbers = values.Numbers()
+    for command in COMMANDS:
+        assert values.decode(json.loads(json.dumps(values.encode(command, numbers))), numbers) == command
+    assert {type(command) for command in COMMANDS} >= set(commands()) - ELSEWHERE
 
 
 def test_all_doors_are_described():

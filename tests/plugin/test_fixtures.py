@@ -85,6 +85,7 @@ def test_a_failure_shows_the_robots_log(run_tests) -> None:
     """)
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*ur_emulator 127.*: output*", "*Ready*", "*ur_emulator 127.*: log*", "*I was here*"])
+    result.stdout.fnmatch_lines(["*ur_emulator 127.*: see it again*", "ur-emulator replay *.journal"])
 
 
 def test_a_crashed_emulator_is_reported(run_tests) -> None:
