@@ -70,7 +70,7 @@ COMMANDS = (
     Jog((0.1, 0.0, 0.0, 0.0, 0.0, -0.1)),
     world.PushTool(Push((0.0, 0.0, 5.0, 0.0, 0.0, 0.0), Frame.TOOL, 0.5)),
     world.ReleaseTool(),
-    world.AddObject(WorldObject(Box((0.1, 0.2, 0.3)), (0.5, 0.0, 0.1, 0.0, 0.0, 0.0))),
+    world.AddObject("box", WorldObject(Box((0.1, 0.2, 0.3)), (0.5, 0.0, 0.1, 0.0, 0.0, 0.0))),
     world.MoveObject("box", (0.1, 0.2, 0.3, 0.0, 0.0, 0.0)),
     world.RemoveObject("box"),
     world.ResetWorld(),
