@@ -21,7 +21,7 @@ from emulator.robotapi.endpoints import OPERATIONS, Operation
 from emulator.world.shapes import Shape
 
 _OPERATIONS: Final = {(one.endpoint.method, one.endpoint.path): one for one in OPERATIONS}
-_PLAIN: Final = (bool, int, float, str, type(None))
+_PLAIN: Final = frozenset({bool, int, float, str, type(None)})
 _EXTRA: Final[tuple[type, ...]] = (*get_args(Shape),)
 
 
@@ -47,10 +47,13 @@ class Numbers:
 
 def encode(value: Any, numbers: Numbers) -> Any:
     """The JSON form of a value. Raises JournalValueError."""
+    kind: Any = type(value)
+    if kind in _PLAIN:  # first of all: most values of a stream of setpoints
+        return value
+    if kind is tuple:
+        return [encode(item, numbers) for item in value]
     if isinstance(value, Enum):
         return {"@e": [type(value).__name__, value.value]}
-    if isinstance(value, _PLAIN):
-        return value
     if isinstance(value, bytes | bytearray):
         return {"@b": b64encode(value).decode()}
     if isinstance(value, list):
@@ -63,11 +66,8 @@ def encode(value: Any, numbers: Numbers) -> Any:
         return {"@o": [value.endpoint.method, value.endpoint.path]}
     if isinstance(value, BaseException):
         return {"@x": f"{type(value).__name__}: {value}"}
-    kind: Any = type(value)
     if (names := _fields(kind)) is not None:
         return {"@": kind.__name__} | {name: encode(getattr(value, name), numbers) for name in names}
-    if isinstance(value, tuple):
-        return [encode(item, numbers) for item in value]
     if callable(value):
         return None
     raise JournalValueError(f"a journal cannot contain a {type(value).__name__}: {value!r:.100}")
