@@ -1,7 +1,7 @@
 """Values in journals: JSON, with objects for what JSON lacks.
 
 A key ``@`` names the class of an object whose fields follow; ``@b`` is bytes in base64, ``@e`` an enum's class and
-value, ``@l`` a list (a plain array is a tuple), ``@m`` a mapping, ``@n`` an object that is known by its number, ``@o``
+name, ``@l`` a list (a plain array is a tuple), ``@m`` a mapping, ``@n`` an object that is known by its number, ``@o``
 an operation of the Robot API, ``@x`` an exception's text. Functions are left out: answers go nowhere in a replay.
 """
 
@@ -53,7 +53,7 @@ def encode(value: Any, numbers: Numbers) -> Any:
     if kind is tuple:
         return [encode(item, numbers) for item in value]
     if isinstance(value, Enum):
-        return {"@e": [type(value).__name__, value.value]}
+        return {"@e": [kind.__name__, value.name]}
     if isinstance(value, bytes | bytearray):
         return {"@b": b64encode(value).decode()}
     if isinstance(value, list):
@@ -94,7 +94,7 @@ def _decode(value: Any, numbers: Numbers) -> Any:
     if kind == "@b":
         return b64decode(content)
     if kind == "@e":
-        return _classes()[content[0]](content[1])
+        return _classes()[content[0]][content[1]]  # type: ignore[index]
     if kind == "@l":
         return [_decode(item, numbers) for item in content]
     if kind == "@m":
