@@ -41,7 +41,7 @@ def _replay(
     go_on: Annotated[
         bool, typer.Option("--serve", help="Then open the ports: the robot goes on from there in real time.")
     ] = False,
-    log_level: Annotated[LogLevel, typer.Option(help="How much to log.")] = LogLevel.WARNING,
+    log_level: Annotated[LogLevel, typer.Option(help="Level of the log.")] = LogLevel.WARNING,
 ) -> None:
     """Execute a recorded run again, in virtual time, and check that it is the same, period by period."""
     log_to_stderr(log_level)

@@ -25,6 +25,8 @@ DOORS: Final = {
 }
 """Kinds of records, and what they contain. Everything else follows from them and from the first record."""
 
+_NOT_REPEATED: Final = frozenset({"actual_execution_time", "messages"})  # values of a snapshot
+
 Write = Callable[..., None]
 """Writes a record: its kind, and what belongs to it."""
 
@@ -255,9 +257,6 @@ def plain_values(snapshot: Any) -> dict[str, Any]:
     Not how long computing took, which is the machine's, nor messages, which the log has.
     """
     return {name: _plain(value) for name, value in vars(snapshot).items() if name not in _NOT_REPEATED}
-
-
-_NOT_REPEATED: Final = frozenset({"actual_execution_time", "messages"})
 
 
 def _plain(value: Any) -> Any:

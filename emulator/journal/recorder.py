@@ -33,6 +33,8 @@ _STATE: Final = struct.Struct("<18d3i")
 _MAX_FILES: Final = 32 * 1024 * 1024  # bytes of files in a journal; guess
 _PROGRAM_FILES: Final = (".urp", ".urpx", ".script", ".installation", ".variables")
 
+_ENCODED: Final = frozenset({"socket", "modbus", "tool", "file"})  # kinds whose contents are not JSON
+
 _logger = logging.getLogger(__name__)
 
 
@@ -265,9 +267,6 @@ class Recorder:
             self._broken = True
             level = logging.INFO if self._memory is not None else logging.ERROR
             _logger.log(level, "the journal ends here: %s", error.strerror or error)
-
-
-_ENCODED: Final = frozenset({"socket", "modbus", "tool", "file"})
 
 
 def record(control: Control, sink: Sink) -> Recorder:

@@ -25,6 +25,7 @@ from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
 from urproto.compat import Self
 from urproto.controlapi import BadArguments, NotPossible
+from urproto.durable import write_file
 
 _MOST_NAMED: Final = 5  # values that differ
 
@@ -135,7 +136,7 @@ class Replay:
         if not path.is_relative_to(folder.resolve()):
             raise JournalError(f"the journal names a file outside of its folder: {name}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
+        write_file(path, content)
 
     def _connect(self) -> None:
         self.controller.programs.socket_backend = self._sockets

@@ -232,7 +232,13 @@ def test_every_verb_is_a_method_of_the_robot_and_no_two_subjects_share_a_name(ro
         for name in verbs_of([subject]):
             assert [other for other in LiveControl.SUBJECTS if hasattr(other, name)] == [subject], name
     assert {name for name in VERBS if callable(getattr(robot, name))} == set(VERBS)
-    assert set(verbs_of(LiveControl.SUBJECTS)) - set(VERBS) == {"ports", "connections", "turned_away", "pendant"}
+    assert set(verbs_of(LiveControl.SUBJECTS)) - set(VERBS) == {
+        "ports",
+        "connections",
+        "turned_away",
+        "journal",
+        "pendant",
+    }
 
 
 def test_type_checkers_see_all_subjects() -> None:
@@ -268,7 +274,7 @@ def test_only_ports_that_turned_clients_away_are_listed(robot: VirtualRobot) -> 
         name: SimpleNamespace(port=1, peers=[], turned_away=RejectedClients(name)) for name in ("rtde", "dashboard")
     }
     ports["dashboard"].turned_away.count(Reason.PORT_FULL, "127.0.0.1:5", "is turned away")
-    verbs = PortVerbs(robot._robot, ports, dict)
+    verbs = PortVerbs(robot._robot, ports, dict, bytes)
     assert verbs.turned_away() == {"dashboard": {"port full": 1}}
     assert verbs.ports() == {"rtde": 1, "dashboard": 1}
 
