@@ -21,7 +21,8 @@ import typer
 from emulator.ports import PORTS
 from emulator.readiness import Finding, probe, run_script, watch_rtde
 from urproto.commandline import AsJson, application, print_json, version_of
-from urproto.controlapi import BadArguments, ControlClient, NotPossible
+from urproto.controlapi import ControlClient
+from urproto.errors import URError
 
 _ROOT: Final = Path(__file__).absolute().parents[1]
 _PACKAGES: Final = ("client", "emulator", "urproto", "urscript", "urproto.testing")
@@ -164,7 +165,7 @@ def _reported_ports(host: str, port: int) -> dict[str, int] | None:
     client = ControlClient(host, port, timeout_s=_CONTROL_TIMEOUT_S)
     try:
         ports: dict[str, int] = client.call("ports", {})
-    except (OSError, BadArguments, NotPossible, AttributeError):
+    except URError:
         return None
     finally:
         client.close()
