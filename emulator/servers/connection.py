@@ -295,7 +295,7 @@ class Connection(asyncio.BufferedProtocol):
         """Read held-back first bytes, which were not a browser's request after all; then whether to stay open."""
         self.ended = True
         opening, self._opening = self._opening, None
-        if opening is not None and not isinstance(opening.verdict, Reason):
+        if opening is not None:
             self._receive(opening.rest())
         return self.is_open and self.at_end()
 

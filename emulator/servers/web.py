@@ -84,11 +84,11 @@ class Opening:
         """The bytes that may be read now; none if ``verdict``, which must be checked first, is a visitor."""
         self._start += data
         self.verdict = visitor(self._start)
-        if isinstance(self.verdict, Reason) or (self.verdict and self._patient):
-            return b""
-        return self.rest()
+        return b"" if self.verdict is True and self._patient else self.rest()
 
     def rest(self) -> bytes:
-        """The bytes held back, at the end of the connection."""
+        """The bytes held back, at the end of the connection; none of a visitor."""
+        if isinstance(self.verdict, Reason):
+            return b""
         rest, self._passed = self._start[self._passed :], len(self._start)
         return rest
