@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from importlib.machinery import PathFinder
 from importlib.metadata import packages_distributions, version
@@ -21,7 +22,8 @@ import typer
 from emulator.ports import PORTS
 from emulator.readiness import Finding, probe, run_script, watch_rtde
 from urproto.commandline import AsJson, application, print_json, version_of
-from urproto.controlapi import BadArguments, ControlClient, NotPossible
+from urproto.controlapi import ControlClient
+from urproto.errors import URError
 
 _ROOT: Final = Path(__file__).absolute().parents[1]
 _PACKAGES: Final = ("client", "emulator", "urproto", "urscript", "urproto.testing")
@@ -161,14 +163,10 @@ def _read_ports(path: Path) -> dict[str, int]:
 
 def _reported_ports(host: str, port: int) -> dict[str, int] | None:
     """The ports as reported by an emulator; None for a real robot, or an emulator that requires a token."""
-    client = ControlClient(host, port, timeout_s=_CONTROL_TIMEOUT_S)
-    try:
+    with closing(ControlClient(host, port, timeout_s=_CONTROL_TIMEOUT_S)) as client, suppress(URError):
         ports: dict[str, int] = client.call("ports", {})
-    except (OSError, BadArguments, NotPossible, AttributeError):
-        return None
-    finally:
-        client.close()
-    return ports
+        return ports
+    return None
 
 
 async def _probe_all(plan: _Plan, timeout_s: float, *, script: bool) -> list[Finding]:

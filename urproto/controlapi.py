@@ -9,23 +9,66 @@ Each verb is a method, with the arguments and results that docs/reference/contro
 import http.client
 import json
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Final
 
+from urproto.errors import URError
 from urproto.ports import CONTROL_API_PORT
 
-_BAD_ARGUMENTS, _CONFLICT, _NOT_FOUND = 400, 409, 404
+LIST_VERBS: Final = ("GET", "/verbs", None)
+"""Method, path and body of the request that lists the verbs."""
 
 
-class BadArguments(ValueError):  # noqa: N818 - named for what is the case
+class BadArguments(URError, ValueError):  # noqa: N818 - named for what is the case
     """The arguments do not fit the verb, whatever state the robot is in."""
 
 
-class NotPossible(Exception):  # noqa: N818 - named for what is the case
+class NotPossible(URError):  # noqa: N818 - named for what is the case
     """The robot cannot do that in the state it is in."""
 
 
-class NoControlError(ConnectionError):
+class NoControlError(URError, ConnectionError):
     """The control API cannot be reached, or refuses this client."""
+
+
+class NoAccessError(NoControlError):
+    """The control API expects another token."""
+
+
+_ERRORS: Final[Mapping[int, type[URError]]] = {
+    400: BadArguments,
+    401: NoAccessError,
+    404: BadArguments,
+    409: NotPossible,
+}
+
+
+class ControlProtocol:
+    """The client's side of a control API, without I/O. headers: those of every request."""
+
+    def __init__(self, host: str, port: int, token: str) -> None:
+        self._place = f"{host} port {port}"
+        self.headers = {"Content-Type": "application/json"} | ({"Authorization": f"Bearer {token}"} if token else {})
+
+    def call(self, verb: str, arguments: Mapping[str, Any]) -> tuple[str, str, bytes]:
+        """Method, path and body of the request that calls a verb. The answer has its ``result``."""
+        return "POST", f"/verbs/{verb}", json.dumps(arguments).encode()
+
+    def answer(self, status: int, body: bytes) -> Any:
+        """The content of a response. Raises BadArguments, NotPossible, NoControlError."""
+        try:
+            content = json.loads(body)
+            text = "" if status == http.client.OK else content["error"]
+        except (ValueError, TypeError, KeyError) as error:
+            raise self.unreachable(error) from error
+        if status != http.client.OK:
+            raise _ERRORS.get(status, NoControlError)(text)
+        return content
+
+    def unreachable(self, error: Exception) -> NoControlError:
+        """What to raise for an error of the connection."""
+        reason = getattr(error, "strerror", None) or error or type(error).__name__
+        text = f"no control API on {self._place} ({reason}): start the emulator, or check address and port"
+        return NoControlError(text)
 
 
 class ControlClient:
@@ -34,11 +77,8 @@ class ControlClient:
     def __init__(
         self, host: str = "127.0.0.1", port: int = CONTROL_API_PORT, token: str = "", timeout_s: float | None = 60.0
     ) -> None:
-        self._place = f"{host} port {port}"
+        self._protocol = ControlProtocol(host, port, token)
         self._http = http.client.HTTPConnection(host, port, timeout=timeout_s)
-        self._headers = {"Content-Type": "application/json"}
-        if token:
-            self._headers["Authorization"] = f"Bearer {token}"
 
     def close(self) -> None:
         """Close the connection; the next call opens a new one."""
@@ -46,37 +86,21 @@ class ControlClient:
 
     def verbs(self) -> list[dict[str, Any]]:
         """List the verbs: name, text and arguments of each. Raises NoControlError."""
-        listed: list[dict[str, Any]] = self._request("GET", "/verbs", None)
-        return listed
+        return list(self._answer_to(*LIST_VERBS))
 
     def call(self, verb: str, arguments: Mapping[str, Any]) -> Any:
-        """The result of a verb. Raises BadArguments, NotPossible, AttributeError if it is unknown, NoControlError."""
-        return self._request("POST", f"/verbs/{verb}", arguments)["result"]
+        """The result of a verb. Raises BadArguments, NotPossible, NoControlError."""
+        return self._answer_to(*self._protocol.call(verb, arguments))["result"]
 
-    def _request(self, method: str, path: str, arguments: Mapping[str, Any] | None) -> Any:
-        body = None if arguments is None else json.dumps(arguments).encode()
+    def _answer_to(self, method: str, path: str, body: bytes | None) -> Any:
         try:
-            self._http.request(method, path, body, self._headers)
+            self._http.request(method, path, body, self._protocol.headers)
             response = self._http.getresponse()
-            content = json.loads(response.read())
+            content = response.read()
         except (OSError, http.client.HTTPException, ValueError) as error:
             self._http.close()
-            reason = getattr(error, "strerror", None) or error or type(error).__name__
-            raise NoControlError(
-                f"no control API on {self._place} ({reason}): start the emulator, or check address and port"
-            ) from error
-        if response.status != http.client.OK:
-            raise _error(response.status, content.get("error", ""))
-        return content
-
-
-def _error(status: int, text: str) -> Exception:
-    kinds: dict[int, type[Exception]] = {
-        _BAD_ARGUMENTS: BadArguments,
-        _CONFLICT: NotPossible,
-        _NOT_FOUND: AttributeError,
-    }
-    return kinds.get(status, NoControlError)(text)
+            raise self._protocol.unreachable(error) from error
+        return self._protocol.answer(response.status, content)
 
 
 class RemoteControl:

@@ -5,6 +5,7 @@ URError                       base class of all errors of this project that conc
 │   ├── LocalProtocolError    the caller asked to send something that the protocol does not allow
 │   └── RemoteProtocolError   the peer sent bytes that are not valid in this protocol
 ├── RobotRefused              the robot understood a request and refused it
+├── controlapi.NotPossible    an emulator cannot carry out a verb; also BadArguments and NoControlError
 ├── client.ClientError        errors of the driver and other clients
 └── robots.CalibrationError   not a calibration, or that of another arm
 """

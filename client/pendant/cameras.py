@@ -55,20 +55,11 @@ class CameraLink:
 
     async def still(self, name: str) -> bytes:
         """Return a JPEG picture. Raises CameraError."""
-        return (await self._get(picture_path(name, _STILL))).content
+        return (await self._response(picture_path(name, _STILL))).content
 
     async def stream(self, name: str) -> tuple[str, AsyncIterator[bytes]]:
         """Content type and bytes of a stream, until the robot or the reader ends it. Raises CameraError."""
-        request = self._http.build_request("GET", picture_path(name, STREAM))
-        try:
-            response = await self._http.send(request, stream=True)
-            if response.status_code != _OK:
-                await response.aread()
-                await response.aclose()
-        except httpx.HTTPError as error:
-            raise self._connection_error(error) from error
-        if response.status_code != _OK:
-            raise CameraError(_error_text(response))
+        response = await self._response(picture_path(name, STREAM), stream=True)
         return response.headers.get("content-type", ""), _stream_content(response)
 
     async def close(self) -> None:
@@ -79,7 +70,7 @@ class CameraLink:
         await self._http.aclose()
 
     async def _list_cameras(self) -> tuple[CameraDescription, ...]:
-        response = await self._get(CAMERAS)
+        response = await self._response(CAMERAS)
         try:
             index: Mapping[str, Any] = response.json()
             self._bodies = tuple(map(str, index["bodies"]))
@@ -88,7 +79,7 @@ class CameraLink:
             raise CameraError(f"{self._http.base_url} is not a camera server: {error}") from error
 
     async def _describe_view(self, name: str) -> str:
-        response = await self._get(picture_path(name, "segmentation.npy"))
+        response = await self._response(picture_path(name, "segmentation.npy"))
         try:
             segmentation = np.load(io.BytesIO(response.content), allow_pickle=False)
             body_numbers, counts = np.unique(segmentation, return_counts=True)
@@ -98,17 +89,17 @@ class CameraLink:
             dict(zip(body_numbers.tolist(), (counts / segmentation.size).tolist(), strict=True)), self._bodies
         )
 
-    async def _get(self, path: str) -> httpx.Response:
+    async def _response(self, path: str, *, stream: bool = False) -> httpx.Response:
         try:
-            response = await self._http.get(path)
+            response = await self._http.send(self._http.build_request("GET", path), stream=stream)
+            if response.status_code != _OK:
+                await response.aread()
+                await response.aclose()
         except httpx.HTTPError as error:
-            raise self._connection_error(error) from error
+            raise CameraError(f"no cameras at {self._http.base_url}: {error or type(error).__name__}") from error
         if response.status_code != _OK:
             raise CameraError(_error_text(response))
         return response
-
-    def _connection_error(self, error: Exception) -> CameraError:
-        return CameraError(f"no cameras at {self._http.base_url}: {error or type(error).__name__}")
 
 
 def camera_path(name: str, kind: str) -> str:

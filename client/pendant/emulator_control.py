@@ -1,30 +1,20 @@
 """The control API of an emulator, which a real robot does not have."""
 
-import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
 import httpx
 
-from client.errors import ClientError
 from client.pendant.dialogues import Dialogues
 from client.pendant.polling import Poller
+from urproto.controlapi import LIST_VERBS, ControlProtocol, NoAccessError
+from urproto.errors import URError
 
 POLL_PERIOD_S: Final = 0.5  # while a page is open
 _WATCH_PERIOD_S: Final = 1.0
 _CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")
 _TIME_VERBS: Final = ("set_speed", "pause_time", "resume_time", "step")
 _MAX_MISSES: Final = 3  # consecutive ones; then the emulator counts as gone (guess)
-_OK: Final = 200
-_UNAUTHORIZED: Final = 401
-
-
-class EmulatorControlError(ClientError):
-    """The control API of an emulator refused a verb, or is not available."""
-
-
-async def _wait() -> None:
-    await asyncio.sleep(POLL_PERIOD_S)
 
 
 class EmulatorControl:
@@ -42,12 +32,11 @@ class EmulatorControl:
         port: int,
         token: str,
         on_change: Callable[[], None],
-        wait: Callable[[], Awaitable[None]] = _wait,
+        wait: Callable[[], Awaitable[None]],
     ) -> None:
-        headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._port = port
-        base = f"http://{host}:{port}"
-        self._http = httpx.AsyncClient(base_url=base, headers=headers, timeout=5.0, trust_env=False)
+        self._protocol = ControlProtocol(host, port, token)
+        self._http = httpx.AsyncClient(base_url=f"http://{host}:{port}", timeout=5.0, trust_env=False)
         self._on_change = on_change
         self._wait = wait
         self._pollers: dict[tuple[str, str], Poller[Any]] = {}
@@ -99,7 +88,7 @@ class EmulatorControl:
         return self.available or self.locked
 
     async def update_time(self) -> None:
-        """Query ``time``. Raises EmulatorControlError."""
+        """Query ``time``. Raises URError."""
         before, self.time = self.time, await self.call("time")
         names = ("paused", "speed", "time_s") if self.time["paused"] else ("paused", "speed")
         if any(before.get(name) != self.time[name] for name in names):
@@ -109,22 +98,13 @@ class EmulatorControl:
         """Whether time is paused, which explains missing states."""
         try:
             await self.update_time()
-        except EmulatorControlError:
+        except URError:
             return False
         return bool(self.time["paused"])
 
     async def call(self, verb: str, **arguments: Any) -> Any:
-        """Call a verb and return its result. Raises EmulatorControlError with the emulator's reason."""
-        try:
-            response = await self._http.post(f"/verbs/{verb}", json=arguments)
-            content: Mapping[str, Any] = response.json()
-        except (httpx.HTTPError, ValueError) as error:
-            raise EmulatorControlError(
-                f"{verb}: no control API at {self._http.base_url}: {error or type(error).__name__}"
-            ) from error
-        if response.status_code != _OK:
-            raise EmulatorControlError(f"{verb}: {content.get('error', response.status_code)}")
-        return content["result"]
+        """Call a verb and return its result. Raises URError with the emulator's reason."""
+        return (await self._answer_to(*self._protocol.call(verb, arguments)))["result"]
 
     async def follow(self, dialogues: Dialogues) -> None:
         """Poll whether there is an emulator, and which dialogues it shows, forever."""
@@ -136,7 +116,7 @@ class EmulatorControl:
                 dialogues.synchronise(await self.call("popups"))
                 await self.update_time()
                 missed = 0
-            except EmulatorControlError:
+            except (URError, KeyError, TypeError):  # there is none, or something else answers
                 missed += 1
                 if missed >= _MAX_MISSES and self.available:
                     self.available, self.time = False, {}
@@ -146,10 +126,17 @@ class EmulatorControl:
 
     async def _query_verbs(self) -> None:
         try:
-            response = await self._http.get("/verbs")
-            self.locked = response.status_code == _UNAUTHORIZED
-            self.verbs = frozenset(entry["name"] for entry in response.json())
-        except (httpx.HTTPError, ValueError, TypeError, KeyError) as error:
-            raise EmulatorControlError(f"no control API at {self._http.base_url}") from error
+            self.verbs = frozenset(entry["name"] for entry in await self._answer_to(*LIST_VERBS))
+        except NoAccessError:
+            self.locked = True
+            raise
+        self.locked = False
         self.catalogue = {verb: await self.call(verb) for verb in _CATALOGUE if verb in self.verbs}
-        self.available = response.status_code == _OK
+        self.available = True
+
+    async def _answer_to(self, method: str, path: str, body: bytes | None) -> Any:
+        try:
+            response = await self._http.request(method, path, content=body, headers=self._protocol.headers)
+        except httpx.HTTPError as error:
+            raise self._protocol.unreachable(error) from error
+        return self._protocol.answer(response.status_code, response.content)

@@ -38,7 +38,7 @@ async def apply_tcp(station: Station, tcp: Sequence[float]) -> None:
 
 
 async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]) -> bool:
-    """Set the payload; returns whether the robot has confirmed it, which old versions cannot. Raises ClientError.
+    """Set the payload; returns whether the robot has confirmed it, which old versions cannot. Raises URError.
 
     It is set in parallel to the running program; on an emulator in local control, by a verb.
     """

@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Final, Generic, NoReturn, TypeVar
 
-from client.errors import ClientError
 from client.modbus import GENERAL_REGISTERS, ModbusClient
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
@@ -200,7 +199,7 @@ class LatestRequest(Generic[Request]):
                 request, self._request = self._request, _NO_REQUEST
                 try:
                     await self._execute(request)  # type: ignore[arg-type]
-                except ClientError as error:
+                except URError as error:
                     self._on_error(str(error))
         finally:
             self._task = None

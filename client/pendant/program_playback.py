@@ -7,10 +7,10 @@ from typing import Final
 
 from client import dashboard
 from client.errors import ClientError
-from client.pendant.emulator_control import EmulatorControlError
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.station import Station
 from urproto.compat_asyncio import timeout
+from urproto.errors import URError
 from urproto.modes import RuntimeState
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.installation_file import InstallationFile, read_installation
@@ -58,7 +58,7 @@ def play_hint(station: Station) -> str:
 
 
 async def save(station: Station, path: str) -> None:
-    """Write the program and its accompanying files to an emulator's programs folder. Raises ClientError."""
+    """Write the program and its accompanying files to an emulator's programs folder. Raises URError."""
     draft = station.program_draft
     path = with_extension(path)
     revision = draft.version
@@ -73,13 +73,13 @@ async def save(station: Station, path: str) -> None:
 
 
 async def open_file(station: Station, path: str) -> None:
-    """Open a program of an emulator's programs folder. Raises ClientError, ValueError."""
+    """Open a program of an emulator's programs folder. Raises URError, ValueError."""
     data = base64.b64decode(await station.emulator.call("read_program", path=path))
     station.program_draft.open(data, path)
 
 
 async def load_installation(station: Station) -> None:
-    """Let the program refer to the contents of an emulator's installation file. Raises ClientError.
+    """Let the program refer to the contents of an emulator's installation file. Raises URError.
 
     A robot does not publish its own; programs for it can only refer to what every installation has.
     """
@@ -90,7 +90,7 @@ async def load_installation(station: Station) -> None:
     try:
         data = base64.b64decode(await emulator.call("read_program", path=file))
         installation = read_installation(data, PurePosixPath(file).stem)
-    except (EmulatorControlError, DocumentError):  # there is none yet
+    except (URError, DocumentError):  # there is none yet
         installation = InstallationFile()
     if installation != station.program_draft.editor.installation:
         station.program_draft.use_installation(installation)
@@ -122,7 +122,7 @@ def is_paused(station: Station) -> bool:
 async def play(station: Station, *, at: str | None = None) -> None:
     """Play from the start, or from the node with an id; without a node, a paused program resumes.
 
-    Raises ClientError.
+    Raises URError.
     """
     if at is None and is_paused(station):
         await station.request(dashboard.PLAY)
@@ -139,7 +139,7 @@ async def play(station: Station, *, at: str | None = None) -> None:
 
 
 async def step(station: Station) -> None:
-    """Step to the next node, from where the program is paused or from its start. Raises ClientError."""
+    """Step to the next node, from where the program is paused or from its start. Raises URError."""
     if not is_paused(station):
         await _load(station)
     if not await station.emulator.call("step_program"):

@@ -8,7 +8,7 @@ from typing import Any, Final, Protocol, TypeVar
 
 from client import dashboard
 from client.pendant.draft import Draft
-from client.pendant.emulator_control import EmulatorControl, EmulatorControlError
+from client.pendant.emulator_control import EmulatorControl
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 from urproto.modes import RuntimeState
@@ -138,7 +138,7 @@ class Programs:
     async def _update_shown(self, station: Robot) -> bool:
         try:
             self.shown = await self._find_shown(station)
-        except (EmulatorControlError, KeyError, TypeError):  # disconnected, or an emulator of another version
+        except (URError, KeyError, TypeError):  # disconnected, or an emulator of another version
             self.shown = NOTHING_SHOWN
             return False
         return True
@@ -152,7 +152,7 @@ class Programs:
         return NOTHING_SHOWN
 
     async def files(self, station: Robot) -> list[str]:
-        """Programs that can be loaded. Raises ClientError: robots do not list them."""
+        """Programs that can be loaded. Raises URError: robots do not list them."""
         return list(await station.emulator.call("programs"))
 
 

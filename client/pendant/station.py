@@ -296,7 +296,7 @@ class Station:
     # requests
 
     async def request(self, operation: Operation[Answer]) -> Answer:
-        """Run a dashboard operation. Raises RobotRefused if the robot refuses it, ClientError.
+        """Run a dashboard operation. Raises RobotRefused if the robot refuses it, URError.
 
         In local control, a robot accepts commands only from its own pendant, and PolyScope X offers some nowhere else.
         For an emulator, this pendant is the robot's own.
@@ -345,7 +345,7 @@ class Station:
             await self.write(speed_slider_mask=1, speed_slider_fraction=fraction)
 
     async def set_simulation(self, on: bool) -> None:
-        """Switch to Simulation, or back to Real Robot. No program may be running. Raises ClientError."""
+        """Switch to Simulation, or back to Real Robot. No program may be running. Raises URError."""
         if self.emulator.available:
             await self.emulator.call("set_simulation", on=on)
         else:

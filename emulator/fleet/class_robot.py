@@ -6,7 +6,7 @@ import json
 import secrets
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, suppress
+from contextlib import AsyncExitStack, closing, suppress
 from math import cos, sin
 from typing import Any, Final
 
@@ -76,36 +76,34 @@ class ClassRobot:
 
     def stop(self) -> None:
         """Stop its program. Raises NoControlError."""
-        control = self._connect()
-        control.call("dashboard", {"line": "stop"})
-        control.close()
+        with closing(self._connect()) as control:
+            control.call("dashboard", {"line": "stop"})
 
     def reset(self) -> None:
         """Put it into its first state: stopped, without faults and stops. Raises NotPossible, NoControlError."""
-        control = self._connect()
-        call = control.call
-        call("clear_faults", {})
-        call("dashboard", {"line": "stop"})
-        for popup in call("popups", {}):
-            call("answer_popup", {"popup_id": popup["id"]})
-        for verb in ("release_emergency_stop", "close_safeguard", "reset_safeguard"):
-            call(verb, {})
-        safety = call("state", {"names": ("safety_mode",)})["safety_mode"]
-        if safety == "PROTECTIVE_STOP":
-            call("unlock_protective_stop", {})
-        if safety in _FAILURES:
-            call("restart_safety", {})
-        deadline_s = time.monotonic() + _REST_TIMEOUT_S
-        while True:
-            try:
-                call("set_simulation", {"on": False})
-                call("restore", {"document": self._initial or {}})
-                break
-            except NotPossible:  # the program is being stopped, and the arm brakes
-                if time.monotonic() > deadline_s:
-                    raise
-                time.sleep(_RETRY_S)
-        control.close()
+        with closing(self._connect()) as control:
+            call = control.call
+            call("clear_faults", {})
+            call("dashboard", {"line": "stop"})
+            for popup in call("popups", {}):
+                call("answer_popup", {"popup_id": popup["id"]})
+            for verb in ("release_emergency_stop", "close_safeguard", "reset_safeguard"):
+                call(verb, {})
+            safety = call("state", {"names": ("safety_mode",)})["safety_mode"]
+            if safety == "PROTECTIVE_STOP":
+                call("unlock_protective_stop", {})
+            if safety in _FAILURES:
+                call("restart_safety", {})
+            deadline_s = time.monotonic() + _REST_TIMEOUT_S
+            while True:
+                try:
+                    call("set_simulation", {"on": False})
+                    call("restore", {"document": self._initial or {}})
+                    break
+                except NotPossible:  # the program is being stopped, and the arm brakes
+                    if time.monotonic() > deadline_s:
+                        raise
+                    time.sleep(_RETRY_S)
 
     async def open_pendant(self, running: AsyncExitStack) -> str:
         """Start the pendant if necessary; return the address that opens it. Raises TimeoutError, RuntimeError."""

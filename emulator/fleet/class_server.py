@@ -46,7 +46,7 @@ from emulator.servers.http import (
 from emulator.servers.port import Port
 from urproto.backdoors import BackdoorMark
 from urproto.compat import Self
-from urproto.controlapi import BadArguments, NoControlError, NotPossible
+from urproto.errors import URError
 from urproto.text import to_bytes
 
 _SEE_OTHER: Final = 303
@@ -138,7 +138,7 @@ class ClassServer(Port):
         results = await asyncio.gather(*map(self._in_thread, work), return_exceptions=True)
         failed = {}
         for robot, result in zip(robots, results, strict=True):
-            if isinstance(result, NotPossible | NoControlError | BadArguments):
+            if isinstance(result, URError):
                 failed[robot.name] = str(result)
             elif result is not None:
                 raise result

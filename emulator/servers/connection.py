@@ -11,14 +11,16 @@ import os
 import socket
 import struct
 import time
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Final, Protocol
+from dataclasses import dataclass
+from typing import Final, Protocol, TypeVar
 
 from emulator.logs import ReportedErrors
 from emulator.servers.admission import Reason, RejectedClients
 from emulator.servers.hooks import BytesHook, Direction, Hooks
 from emulator.servers.read_budget import ReadBudget
-from emulator.servers.web import Opening, Visitor
+from emulator.servers.web import WRONG_PORT, Opening
 from urproto.compat_asyncio import pause_reading
 from urproto.errors import RemoteProtocolError
 
@@ -29,22 +31,13 @@ _READ_BYTES: Final = 1024  # at a time: parsing them takes some ms even if each 
 _MAX_REST: Final = 64 * 1024  # bytes of a client that has left: its last program (guess)
 _MAX_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
 _QUICK_ACK: Final[int | None] = getattr(socket, "TCP_QUICKACK", None)  # Linux; in force until the next delayed one
+_CLOSED: Final = -1  # as a file descriptor
 _LINGER_S: Final = 1.0  # for a client that keeps sending after its final answer (guess)
 _RESET: Final = struct.pack("ii", 1, 0)  # SO_LINGER: on, no time: closing sends RST
-_WRONG_PORT: Final = {
-    Visitor.HTTP: (
-        Reason.HTTP,
-        "sent an HTTP request and was disconnected; nothing of it was executed. This is not a web server: close the "
-        "web page that sent it, or correct the port in your program. HTTP is for the control API",
-    ),
-    Visitor.TLS: (
-        Reason.TLS,
-        "began with TLS and was disconnected. A robot's connections are not encrypted: close the web page that sent "
-        "it, or connect without TLS",
-    ),
-}
 
 _logger = logging.getLogger(__name__)
+
+Message = TypeVar("Message")
 
 
 class Owner(Protocol):
@@ -68,12 +61,21 @@ class Owner(Protocol):
     def client_disconnected(self, connection: "Connection") -> None: ...
 
 
+@dataclass(slots=True)
+class _Held:
+    """Bytes that hooks hold back in one direction. then: called when all have passed."""
+
+    size: int = 0
+    then: Callable[[], None] | None = None
+
+
 class Connection(asyncio.BufferedProtocol):
     """One client of one port. This base class ignores what the client sends.
 
     most_undelivered: bytes that may wait for a client that does not read. for_browsers: whether web browsers may use
     the port; on others they are disconnected. patient: whether first bytes may be held back until it is known who sent
-    them. outlives_client: whether what a client sent is read even if it has reset the connection.
+    them. outlives_client: whether what a client sent is read even if it has reset the connection. ended: whether the
+    client has closed its side.
     """
 
     most_undelivered = _MAX_UNDELIVERED
@@ -83,18 +85,16 @@ class Connection(asyncio.BufferedProtocol):
 
     def __init__(self, server: Owner) -> None:
         self.server = server
-        self._transport: asyncio.Transport | None = None
+        self._transport: asyncio.Transport  # from the time when the client is connected
         self._read_buffer = bytearray(_READ_BYTES)
         self._unread = b""  # what was received and waits for the read budget
         self.peer = "?"
-        self._kept = {Direction.SENT: 0, Direction.RECEIVED: 0}  # bytes that hooks hold back
-        self._late = 0  # of these, those on their way to the client
+        self._sent, self._received = _Held(), _Held()
         self._skipped = 0  # states that were skipped since the client last read everything
         self._wants_reading = True
         self._stalls: set[object] = set()  # reasons for not reading from it
-        self._closing = self._ended = False  # once the bytes held back have passed
-        self._discarding = False  # whether further data from the client is discarded
-        self._lingering: asyncio.TimerHandle | None = None
+        self.ended = False
+        self._lingering: asyncio.TimerHandle | None = None  # while data from the client is discarded
         self._opening = None if self.for_browsers else Opening(patient=self.patient)
 
     # for subclasses
@@ -114,12 +114,17 @@ class Connection(asyncio.BufferedProtocol):
 
     def send(self, data: bytes) -> None:
         """Send bytes that must be delivered; a client that lets too many wait is disconnected."""
-        transport = self._transport
-        if transport is None or transport.is_closing():
+        if self._transport.is_closing():
             return
         if self.server.hooks.on_bytes:
             data = self.server.hooks.bytes(self, Direction.SENT, data)
-        self._write(transport, data)
+        self._write(data)
+
+    def send_message(self, message: Message, encode: Callable[[Message], bytes]) -> None:
+        """Send a message, unless a hook drops it."""
+        passed = self.server.hooks.message(self, Direction.SENT, message)
+        if passed is not None:
+            self.send(encode(passed))
 
     def send_state(self, data: bytes) -> None:
         """Send bytes that the next ones supersede; they are skipped while earlier bytes still wait."""
@@ -140,14 +145,13 @@ class Connection(asyncio.BufferedProtocol):
     @property
     def takes_state(self) -> bool:
         """Whether nothing that was sent before still waits."""
-        transport = self._transport
-        return transport is not None and self._late < SEND_BUFFER and not transport.get_write_buffer_size()
+        return self._sent.size < SEND_BUFFER and not self._transport.get_write_buffer_size()
 
     def close(self) -> None:
         """Deliver what was sent, then close the connection."""
-        if self._late:
-            self._closing = True
-        elif self._transport is not None:
+        if self._sent.size:
+            self._sent.then = self._transport.close
+        else:
             self._transport.close()
 
     def hang_up(self) -> None:
@@ -155,29 +159,22 @@ class Connection(asyncio.BufferedProtocol):
 
         A connection that is closed while bytes from the client are unread is reset, and the client may lose the answer.
         """
-        transport = self._transport
-        if transport is None or self._discarding:
-            return
-        if self._late:
+        if self._sent.size:
             self.close()
-            return
-        self._discarding = True
-        transport.write_eof()
-        if self.is_open:
+        elif self.is_open and self._lingering is None:
             self._lingering = asyncio.get_running_loop().call_later(_LINGER_S, self.close_now)
+            self._transport.write_eof()
 
     def close_now(self) -> None:
         """Close the connection, without waiting for a client that does not read."""
-        transport = self._transport
-        if transport is not None and (self._late or transport.get_write_buffer_size()):
-            transport.abort()
+        if self.undelivered:
+            self.abort()
         else:
             self.close()
 
     def abort(self) -> None:
         """Close the connection and drop what waits for the client here; what the system has is still delivered."""
-        if self._transport is not None:
-            self._transport.abort()
+        self._transport.abort()
 
     def acknowledge(self) -> None:
         """Acknowledge what has been received immediately, where the system permits it.
@@ -185,9 +182,8 @@ class Connection(asyncio.BufferedProtocol):
         The system of a client that does not set TCP_NODELAY holds back its next bytes until then. Acknowledged by the
         next package only, they would arrive just too late for their control period, and so would all that follow.
         """
-        own = self._transport.get_extra_info("socket") if self._transport is not None else None
-        if own is not None and _QUICK_ACK is not None:
-            own.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
+        if _QUICK_ACK is not None:
+            self._set_option(socket.IPPROTO_TCP, _QUICK_ACK, 1)
 
     def read_on(self, going: bool) -> None:
         """Read from the client, or leave its bytes in the system's buffer for now."""
@@ -199,17 +195,17 @@ class Connection(asyncio.BufferedProtocol):
     @property
     def is_open(self) -> bool:
         """False once the connection is closing."""
-        return self._transport is not None and not self._transport.is_closing()
+        return not self._transport.is_closing()
 
     @property
     def unsent(self) -> int:
         """Number of bytes beyond the system's buffer, because the client does not read."""
-        return self._transport.get_write_buffer_size() if self._transport is not None else 0
+        return self._transport.get_write_buffer_size()
 
     @property
     def undelivered(self) -> int:
         """Number of unsent bytes, and of those that hooks hold back."""
-        return self.unsent + self._late
+        return self.unsent + self._sent.size
 
     def stall(self, reason: object) -> None:
         """Do not read from the client until ``unstall`` for the same reason."""
@@ -220,42 +216,34 @@ class Connection(asyncio.BufferedProtocol):
         """Read from the client again, unless another reason remains."""
         self._stalls.discard(reason)
         self._read()
-        if not self._stalls:
-            self.serve()
+        self.serve()
 
     def reset(self) -> None:
         """Abort the connection, so that the client receives a reset (RST) instead of a regular end (FIN)."""
-        transport = self._transport
-        if transport is not None:
-            self._set_option(socket.SO_LINGER, _RESET)
-            transport.abort()
+        self._set_option(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+        self.abort()
 
     def set_send_buffer(self, size: int | None) -> None:
         """Set the size of the system's send buffer; None for the usual size."""
-        self._set_option(socket.SO_SNDBUF, SEND_BUFFER if size is None else size)
+        self._set_option(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER if size is None else size)
 
     def keep(self, direction: Direction, count: int) -> None:
         """Register that a hook holds back this number of bytes, which it will pass on."""
-        self._kept[direction] += count
-        self._late = self._kept[Direction.SENT]
+        self._held(direction).size += count
 
-    def pass_on(
-        self, direction: Direction, data: bytes, after: "BytesHook[Connection]", count: int | None = None
-    ) -> None:
-        """Pass on bytes that a hook held back; ``count``: how many it held back, if it passes on another number."""
-        self.keep(direction, -(len(data) if count is None else count))
-        transport = self._transport
-        if transport is None or transport.is_closing():
+    def pass_on(self, direction: Direction, data: bytes, after: "BytesHook[Connection]") -> None:
+        """Pass on bytes that a hook held back."""
+        held = self._held(direction)
+        held.size -= len(data)
+        if not self.is_open:
             return
         passed = self.server.hooks.bytes(self, direction, data, after)
         if direction is Direction.RECEIVED:
             self._receive(passed)
         else:
-            self._write(transport, passed)
-        if self._closing and not self._late:
-            transport.close()
-        elif self._ended and not self._kept[Direction.RECEIVED] and not self._at_end():
-            self.close()
+            self._write(passed)
+        if held.then is not None and not held.size:
+            held.then()
 
     # both sides
 
@@ -265,8 +253,12 @@ class Connection(asyncio.BufferedProtocol):
             server = self.server
             _logger.debug("%.3f s: %s: %s " + text, server.robot_time_s, server.name, self.peer, *values)
 
-    def _write(self, transport: asyncio.Transport, data: bytes) -> None:
-        if transport.get_write_buffer_size() + self._late + len(data) > self.most_undelivered:
+    def _held(self, direction: Direction) -> _Held:
+        return self._sent if direction is Direction.SENT else self._received
+
+    def _write(self, data: bytes) -> None:
+        transport = self._transport
+        if transport.get_write_buffer_size() + self._sent.size + len(data) > self.most_undelivered:
             text = "does not read what it is sent and is disconnected"
             self.server.turned_away.count(Reason.NOT_READING, self.peer, text)
             transport.abort()
@@ -274,7 +266,7 @@ class Connection(asyncio.BufferedProtocol):
             transport.write(data)
 
     def _receive(self, data: bytes) -> None:
-        if self._discarding:
+        if self._lingering is not None:
             return
         try:
             if self._opening is not None:
@@ -292,9 +284,8 @@ class Connection(asyncio.BufferedProtocol):
     def _judge(self, opening: Opening, data: bytes) -> bytes:
         """The bytes to read of a new connection; that of a web browser is aborted."""
         passed = opening.feed(data)
-        if isinstance(opening.verdict, Visitor):
-            reason, text = _WRONG_PORT[opening.verdict]
-            self.server.turned_away.count(reason, self.peer, text)
+        if isinstance(opening.verdict, Reason):
+            self.server.turned_away.count(opening.verdict, self.peer, WRONG_PORT[opening.verdict])
             self.abort()
         elif not opening.verdict:
             self._opening = None
@@ -302,24 +293,33 @@ class Connection(asyncio.BufferedProtocol):
 
     def _at_end(self) -> bool:
         """Read held-back first bytes, which were not a browser's request after all; then whether to stay open."""
+        self.ended = True
         opening, self._opening = self._opening, None
-        if opening is not None and not isinstance(opening.verdict, Visitor):
+        if opening is not None:
             self._receive(opening.rest())
         return self.is_open and self.at_end()
 
+    def _end(self) -> None:
+        if not self._at_end():
+            self.close()
+
+    @property
+    def _reads(self) -> bool:
+        return self._wants_reading and not self._stalls
+
     def _read(self) -> None:
-        transport, going = self._transport, self._wants_reading and not self._stalls
-        if transport is None or transport.is_closing() or transport.is_reading() is going:
+        transport = self._transport
+        if transport.is_closing() or transport.is_reading() is self._reads:
             return
-        if going:
+        if self._reads:
             transport.resume_reading()
         else:
             pause_reading(transport)
 
-    def _set_option(self, option: int, value: int | bytes) -> None:
-        own = self._transport.get_extra_info("socket") if self._transport is not None else None
-        if own is not None:
-            own.setsockopt(socket.SOL_SOCKET, option, value)
+    def _set_option(self, level: int, option: int, value: int | bytes) -> None:
+        own = self._transport.get_extra_info("socket")
+        if own is not None and own.fileno() != _CLOSED:
+            own.setsockopt(level, option, value)
 
     # asyncio's side
 
@@ -343,9 +343,9 @@ class Connection(asyncio.BufferedProtocol):
         self.serve()
 
     def serve(self) -> None:
-        """Do the work that the client causes, if the read budget permits it; otherwise when it permits it again."""
+        """Do the work that the client causes, unless it is stalled; the read budget stalls it if none is left."""
         budget = self.server.read_budget
-        if self.has_work and self.is_open and budget.admits(self):
+        if self.has_work and self.is_open and not self._stalls and budget.admits(self):
             began_s = time.thread_time()
             self.work()
             budget.spent(self, time.thread_time() - began_s)
@@ -366,21 +366,25 @@ class Connection(asyncio.BufferedProtocol):
         self._receive(data)
 
     def eof_received(self) -> bool:
-        self._ended = bool(self._kept[Direction.RECEIVED])
-        return not self._discarding and (self._ended or self._at_end())
+        if self._lingering is not None:
+            return False
+        if not self._received.size:
+            return self._at_end()
+        self._received.then = self._end
+        return True
 
     def _read_rest(self) -> None:
         """Read what the client sent before it reset the connection: asyncio drops it if a write sees the reset first.
 
         Clients that close the connection with unread states reset it, right after their last command.
         """
-        own = self._transport.get_extra_info("socket") if self._transport is not None else None
-        if own is None or self._stalls or not self._wants_reading or not self.outlives_client:
+        own = self._transport.get_extra_info("socket")
+        if own is None or not self._reads or not self.outlives_client:
             return
         began_s = time.thread_time()
         with suppress(OSError):
             for _ in range(_MAX_REST // _READ_BYTES):
-                if not self._wants_reading or not (data := os.read(own.fileno(), _READ_BYTES)):
+                if not self._reads or not (data := os.read(own.fileno(), _READ_BYTES)):
                     break
                 self._arrived(data)
         self.server.read_budget.spent(self, time.thread_time() - began_s)
@@ -389,7 +393,6 @@ class Connection(asyncio.BufferedProtocol):
         connected = self in self.server.connections
         if exc is not None and connected:
             self._read_rest()
-        self._transport = None
         if self._lingering is not None:
             self._lingering.cancel()
         self.server.client_disconnected(self)

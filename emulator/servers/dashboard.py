@@ -27,12 +27,11 @@ class _DashboardConnection(Connection):
         super().__init__(server)
         self._decoder = LineDecoder()
         self._queue = CommandQueue(server.controller, self.read_on)
-        self._ended = False
         # until the connection is closed: the text of the refusal asks to reconnect
         self._restricted = server.controller.snapshot.local_control
 
     def opened(self) -> None:
-        self._send_line(GREETING)
+        self.send_message(GREETING, encode_line)
 
     def received(self, data: bytes) -> None:
         for line in self._decoder.feed(data):
@@ -43,7 +42,6 @@ class _DashboardConnection(Connection):
             raise self._decoder.error
 
     def at_end(self) -> bool:
-        self._ended = True
         return not self._queue.idle
 
     def lost(self) -> None:
@@ -51,14 +49,9 @@ class _DashboardConnection(Connection):
 
     def _answer(self, reply: str | None) -> None:
         if reply is not None:
-            self._send_line(reply)
+            self.send_message(reply, encode_line)
         if reply == DISCONNECTED:
             self._queue.clear()
             self.close()
-        elif self._ended and self._queue.idle:
+        elif self.ended and self._queue.idle:
             self.close()
-
-    def _send_line(self, line: str) -> None:
-        passed = self.server.hooks.message(self, Direction.SENT, line)
-        if passed is not None:
-            self.send(encode_line(passed))

@@ -32,7 +32,6 @@ class _GripperConnection(Connection):
         self._decoder = RequestDecoder()
         self._session = GripperSession()
         self._queue = CommandQueue(server.controller, self.read_on)
-        self._ended = False
 
     def received(self, data: bytes) -> None:
         self._call(self._decoder.feed(data))
@@ -42,7 +41,6 @@ class _GripperConnection(Connection):
 
     def at_end(self) -> bool:
         self.flush()
-        self._ended = True
         return not self._queue.idle
 
     def _call(self, requests: list[Request]) -> None:
@@ -53,8 +51,6 @@ class _GripperConnection(Connection):
             self._queue.put(GripperCall(kept, self._session), self._answer)
 
     def _answer(self, answer: bytes) -> None:
-        passed = self.server.hooks.message(self, Direction.SENT, answer)
-        if passed is not None:
-            self.send(passed)
-        if self._ended and self._queue.idle:
+        self.send_message(answer, bytes)
+        if self.ended and self._queue.idle:
             self.close()

@@ -207,8 +207,7 @@ class HttpConnection(Connection):
 
     def _serve_next(self) -> None:
         self._next = None
-        if not self._stalls:
-            self.serve()
+        self.serve()
 
     def _handle(self, event: Any) -> None:
         if isinstance(event, h11.Request):

@@ -35,12 +35,11 @@ class _InterpreterConnection(Connection):
         self._decoder = StatementDecoder()
         self._queue = CommandQueue(server.controller, self.read_on, _LINES_PER_PERIOD)
         self._unanswered = 0
-        self._ended = False
 
     def received(self, data: bytes) -> None:
         for line in self._decoder.feed(data):
             if isinstance(line, TooLong):
-                self._send(discard(Reason.TOO_LONG, line.start))
+                self.send_message(discard(Reason.TOO_LONG, line.start), encode_answer)
                 continue
             passed = self.server.hooks.message(self, Direction.RECEIVED, line)
             if passed is not None:
@@ -51,16 +50,10 @@ class _InterpreterConnection(Connection):
         """Statements need a line end (Script Manual); those that have one are answered before the connection closes."""
         if self._decoder.rest:
             _logger.warning("%s: the last line from %s has no line end and is ignored", self.server.name, self.peer)
-        self._ended = True
         return self._unanswered > 0
 
     def _answer(self, text: str) -> None:
         self._unanswered -= 1
-        self._send(text)
-        if self._ended and not self._unanswered:
+        self.send_message(text, encode_answer)
+        if self.ended and not self._unanswered:
             self.close()
-
-    def _send(self, text: str) -> None:
-        passed = self.server.hooks.message(self, Direction.SENT, text)
-        if passed is not None:
-            self.send(encode_answer(passed))

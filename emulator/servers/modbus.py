@@ -27,7 +27,6 @@ class _ModbusConnection(Connection):
         super().__init__(server)
         self._decoder = FrameDecoder()
         self._queue = CommandQueue(server.controller, self.read_on, max_unanswered=_REQUESTS_PER_PERIOD)
-        self._ended = False
 
     def received(self, data: bytes) -> None:
         for frame in self._decoder.feed(data):
@@ -38,13 +37,9 @@ class _ModbusConnection(Connection):
             raise self._decoder.error
 
     def at_end(self) -> bool:
-        self._ended = True
         return not self._queue.idle
 
     def _answer(self, request: Frame, pdu: bytes) -> None:
-        answer = Frame(request.transaction, request.unit, pdu)
-        passed = self.server.hooks.message(self, Direction.SENT, answer)
-        if passed is not None:
-            self.send(encode_frame(passed))
-        if self._ended and self._queue.idle:
+        self.send_message(Frame(request.transaction, request.unit, pdu), encode_frame)
+        if self.ended and self._queue.idle:
             self.close()

@@ -51,7 +51,6 @@ class ScriptConnection(Connection):
         self._read_only = read_only or server.controller.snapshot.local_control
         self._splitter = ScriptSplitter()
         self._queue = CommandQueue(server.controller, self._queue_ready)
-        self._ended = False
 
     def received(self, data: bytes) -> None:
         self._splitter.add(data)
@@ -59,7 +58,6 @@ class ScriptConnection(Connection):
 
     def at_end(self) -> bool:
         """A last unit without its line end is executed as well: clients close right after sending it (guess)."""
-        self._ended = True
         self._splitter.add(b"\n")
         self._take_units()
         return False
@@ -73,7 +71,7 @@ class ScriptConnection(Connection):
     def _take_units(self) -> None:
         while not self._queue.full:
             unit = self._splitter.next()
-            if unit is None and self._ended:
+            if unit is None and self.ended:
                 unit = self._splitter.rest()
             if unit is None:
                 return

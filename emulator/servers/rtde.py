@@ -119,9 +119,7 @@ class _RTDEConnection(Connection):
                 self.server.started.pop(self, None)
 
     def _reply(self, reply: Reply) -> None:
-        passed = self.server.hooks.message(self, Direction.SENT, reply)
-        if passed is not None:
-            self.send(passed.encode(self.session.protocol))
+        self.send_message(reply, lambda passed: passed.encode(self.session.protocol))
 
     def _write_inputs(self, values: dict[str, Any]) -> None:
         self._queue.put(RTDEInputs(values))

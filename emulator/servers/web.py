@@ -12,7 +12,15 @@ are recognised by their first line or first nine bytes, with which no client of 
 import re
 from typing import Final
 
-from urproto.compat import StrEnum
+from emulator.servers.admission import Reason
+
+WRONG_PORT: Final = {
+    Reason.HTTP: "sent an HTTP request and was disconnected; nothing of it was executed. This is not a web server: "
+    "close the web page that sent it, or correct the port in your program. HTTP is for the control API",
+    Reason.TLS: "began with TLS and was disconnected. A robot's connections are not encrypted: close the web page "
+    "that sent it, or connect without TLS",
+}
+"""What the log says about browsers."""
 
 _METHOD: Final = re.compile(rb"[A-Z][A-Z0-9_-]{0,31}")
 _CONNECT: Final = b"CONNECT"  # the only method whose target is host and port
@@ -23,21 +31,14 @@ _HANDSHAKE: Final = b"\x16\x03"
 _CLIENT_HELLO: Final = 1
 
 
-class Visitor(StrEnum):
-    """A kind of client that is at the wrong port."""
-
-    HTTP = "http"
-    TLS = "tls"
-
-
-def visitor(start: bytes) -> Visitor | bool:
-    """The kind of client whose connection begins like this; False: none of them; True: undecided, more is needed."""
+def visitor(start: bytes) -> Reason | bool:
+    """Why a client whose connection begins like this is rejected; False: it is not; True: undecided, more is needed."""
     if not start:
         return True
     return _tls(start) if start[0] == _HANDSHAKE[0] else _http(start)
 
 
-def _http(start: bytes) -> Visitor | bool:
+def _http(start: bytes) -> Reason | bool:
     line, ended, _ = start.partition(b"\n")
     method, *more = line.split(b" ", 2)
     if _METHOD.fullmatch(method) is None:
@@ -48,11 +49,11 @@ def _http(start: bytes) -> Visitor | bool:
     if method != _CONNECT and not any(target.startswith(known) or known.startswith(target) for known in _TARGETS):
         return False
     if len(target) > _LONGEST_TARGET or (version is not None and version.startswith(_VERSION)):
-        return Visitor.HTTP
+        return Reason.HTTP
     return not ended and (version is None or _VERSION.startswith(version))
 
 
-def _tls(start: bytes) -> Visitor | bool:
+def _tls(start: bytes) -> Reason | bool:
     """Record type, version 3.x, length; handshake type, length."""
     if not _HANDSHAKE.startswith(start[:2]) or start[2:3] > b"\x04":
         return False
@@ -63,7 +64,7 @@ def _tls(start: bytes) -> Visitor | bool:
         return False
     announced, seen = length.to_bytes(3, "big"), start[6:9]
     if seen == announced:
-        return Visitor.TLS
+        return Reason.TLS
     return announced.startswith(seen)
 
 
@@ -77,17 +78,17 @@ class Opening:
         self._patient = patient
         self._start = b""
         self._passed = 0
-        self.verdict: Visitor | bool = True
+        self.verdict: Reason | bool = True
 
     def feed(self, data: bytes) -> bytes:
         """The bytes that may be read now; none if ``verdict``, which must be checked first, is a visitor."""
         self._start += data
         self.verdict = visitor(self._start)
-        if isinstance(self.verdict, Visitor) or (self.verdict and self._patient):
-            return b""
-        return self.rest()
+        return b"" if self.verdict is True and self._patient else self.rest()
 
     def rest(self) -> bytes:
-        """The bytes held back, at the end of the connection."""
+        """The bytes held back, at the end of the connection; none of a visitor."""
+        if isinstance(self.verdict, Reason):
+            return b""
         rest, self._passed = self._start[self._passed :], len(self._start)
         return rest

@@ -200,6 +200,8 @@ async def test_requests_without_the_token_are_refused() -> None:
                 stranger.call("state", {})
             with closing(ControlClient(HOST, port, "secret")) as friend:
                 friend.call("state", {})
+                with pytest.raises(BadArguments, match="no verb 'fly'"):
+                    friend.call("fly", {})
             return request(emulator, "/openapi.json")[0], request(emulator, "/health")[0]
 
         assert await run_in_thread(use) == (401, 200)

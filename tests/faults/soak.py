@@ -191,7 +191,7 @@ class Soak:
         try:
             await self.robot.until(lambda: not any(server.connections for server in servers))
         except AssertionError:
-            left = [(server.name, one._stalls, one._kept) for server in servers for one in server.connections]
+            left = [(server.name, one._stalls, one.undelivered) for server in servers for one in server.connections]
             raise AssertionError(f"connections remain: {left}, errors: {self.errors}") from None
 
     async def _all_ports_listening(self) -> None:

@@ -36,7 +36,7 @@ async def query_emulator(status: int, answers: dict[str, object], **also: object
     """The state after the first queries."""
     changed = asyncio.Event()
     async with server(status, answers) as port, timeout(20.0):
-        emulator = EmulatorControl("127.0.0.1", port, "", changed.set)
+        emulator = EmulatorControl("127.0.0.1", port, "", changed.set, lambda: asyncio.sleep(0))
         following = asyncio.create_task(emulator.follow(Dialogues()))
         while not (emulator.locked or emulator.time):
             await asyncio.sleep(0)

@@ -155,6 +155,38 @@ def test_hooks_see_and_change_bytes(server: PortServer) -> None:
     assert seen == [(Direction.SENT, b"a"), (Direction.SENT, b"lost"), (Direction.RECEIVED, b"b")]
 
 
+def test_held_bytes_pass_before_the_end_which_is_noticed_once(server: PortServer) -> None:
+    seen: list[object] = []
+
+    class Patient(Connection):
+        def received(self, data: bytes) -> None:
+            seen.append(data)
+            self.send(b"answer")
+
+        def at_end(self) -> bool:
+            seen.append("end")
+            return True
+
+    def hold(connection: Connection, direction: Direction, data: bytes) -> bytes:
+        connection.keep(direction, len(data))
+        return b""
+
+    server.hooks.on_bytes.append(hold)
+    server.connect = lambda: Patient(server)  # type: ignore[method-assign]
+    client = MemoryClient(server)
+    client.feed(b"question")
+    client.end()
+    assert (seen, client.connected) == ([], True)
+    client.connection.pass_on(Direction.RECEIVED, b"question", hold)
+    client.connection.send(b" more")
+    client.connection.pass_on(Direction.SENT, b" more", hold)
+    assert (seen, client.take(), client.connected) == ([b"question", "end"], b" more", True)
+    client.connection.close()
+    assert client.connected
+    client.connection.pass_on(Direction.SENT, b"answer", hold)
+    assert (client.take(), client.connected) == (b"answer", False)
+
+
 def test_hooks_turn_clients_away(server: PortServer) -> None:
     server.hooks.on_connect.append(lambda connection: False)
     assert not MemoryClient(server).connected

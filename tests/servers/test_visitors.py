@@ -12,9 +12,10 @@ from server_rig import E_SERIES, FakeController, MemoryClient
 from emulator.app import make_servers
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
+from emulator.servers.admission import Reason
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer
-from emulator.servers.web import Opening, Visitor, visitor
+from emulator.servers.web import Opening, visitor
 from tests.budget import examples
 from urproto.robotiq import MODELS
 from urproto.robots import load_model
@@ -103,7 +104,7 @@ def test_browser_requests_are_not_executed_in_many_pieces(data: bytes, cuts: lis
     opening = Opening(patient=True)
     for start, end in pairwise(sorted({0, *cuts, len(data)})):
         assert opening.feed(data[start:end]) == b""
-        if isinstance(opening.verdict, Visitor):
+        if isinstance(opening.verdict, Reason):
             return
     raise AssertionError("not known for what it is")
 
@@ -209,7 +210,7 @@ def test_robot_clients_are_accepted(
 def test_modbus_rtu_of_unit_22_is_not_a_tls_handshake(address: int, count: int, crc: bytes) -> None:
     request = b"\x16\3" + struct.pack(">HH", address, count) + crc
     verdict = visitor(request)
-    assert not isinstance(verdict, Visitor)
+    assert not isinstance(verdict, Reason)
     assert verdict is False or crc[0] == 0, "eight bytes, and the device waits for them"
 
 

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -271,14 +272,11 @@ class EmulatorProcess:
     def _log_lines(self) -> list[str]:
         if not self.running or not self._ports_file.exists() or "control" not in self.ports:
             return []
-        client = ControlClient(self.host, self.ports["control"], self._token, _LOG_WAIT_S)
-        try:
-            lines: list[str] = client.call("log", {"lines": _LOG_LINES})
-        except OSError as error:
-            return [str(error)]
-        finally:
-            client.close()
-        return lines
+        with closing(ControlClient(self.host, self.ports["control"], self._token, _LOG_WAIT_S)) as client:
+            try:
+                return list(client.call("log", {"lines": _LOG_LINES}))
+            except OSError as error:
+                return [str(error)]
 
     def _tail(self) -> str:
         return self.output[-_TAIL:]

@@ -4,41 +4,23 @@ Copies share nothing with the originals. When they are pasted, the names of vari
 and subprograms in them refer to the objects of the target program.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Final
 
 from urscript.polyscope.document import Element, sharing
 from urscript.polyscope.surroundings import VARIABLE_TAGS, FieldError, Surroundings
 from urscript.polyscope.tree import tag_of
 
+Clip = tuple[Element, ...]
+"""Copied nodes."""
+
 _NAMED: Final = ("pin", "tcp", "feature")
-_UNIQUE: Final = {"Thread": "Thread", "SubProgram": "SubProgram"}
+_UNIQUE: Final = ("Thread", "SubProgram")  # nodes that need a name of their own
 
 
-@dataclass(frozen=True, slots=True)
-class Clip:
-    """Copied nodes."""
-
-    places: tuple[Element, ...]
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-
-def clipped(places: list[Element]) -> Clip:
+def clipped(places: Sequence[Element]) -> Clip:
     """Copy nodes. An object shared by several places is also shared by the copies; if it belongs to a node that is not
     copied, the first place contains it completely."""
-    return Clip(tuple(_copies(places)))
-
-
-def planted(clip: Clip, program: Surroundings) -> list[Element]:
-    """Copies of the nodes in a clip, bound to the objects of a program by name. Raises FieldError."""
-    places = _copies(clip.places)
-    _bind(places, program)
-    return places
-
-
-def _copies(places: list[Element] | tuple[Element, ...]) -> list[Element]:
     copies: dict[int, Element] = {}
 
     def copied(place: Element, parent: Element | None) -> Element:
@@ -49,68 +31,71 @@ def _copies(places: list[Element] | tuple[Element, ...]) -> list[Element]:
             return copy
         copies[id(element)] = copy
         if element is not place:
-            of_object = {name: value for name, value in element.attributes.items() if name not in ("class",)}
-            copy.attributes = {**copy.attributes, **of_object}
+            copy.attributes |= {name: value for name, value in element.attributes.items() if name != "class"}
         copy.text, copy.open = element.text, element.open
         copy.children = [copied(child, copy) for child in element.children]
         return copy
 
-    return [copied(place, None) for place in places]
+    return tuple(copied(place, None) for place in places)
 
 
-def _bind(places: list[Element], program: Surroundings) -> None:
-    inside = {place.get("name") for each in places for place in each.places() if tag_of(place) == "Waypoint"}
-    waypoints = {place.get("name"): place.resolved() for place in program.root.places() if tag_of(place) == "Waypoint"}
-    made: dict[str, Element] = {}
+def planted(clip: Clip, program: Surroundings) -> list[Element]:
+    """Copies of the nodes in a clip, bound to the objects of a program by name. Raises FieldError."""
+    places = list(clipped(clip))
+    binding = _Binding(places, program)
     for each in places:
         for place in list(each.places()):
-            place.children = [_bound(child, place, program, made, waypoints, inside) for child in place.children]
+            place.children = [binding.bound(child, place) for child in place.children]
         node = each if each.tag != "SuppressedNode" else each.children[0]
-        if stem := _UNIQUE.get(tag_of(node)):
-            taken = program.names(tag_of(node))
-            if node.get("name") in taken:
-                node.resolved().attributes["name"] = program.unused(stem, taken)
+        tag = tag_of(node)
+        if tag in _UNIQUE and node.get("name") in (taken := program.names(tag)):
+            node.resolved().attributes["name"] = program.unused(tag, taken)
+    return places
 
 
-def _bound(
-    child: Element,
-    parent: Element,
-    program: Surroundings,
-    made: dict[str, Element],
-    waypoints: dict[str, Element],
-    inside: set[str],
-) -> Element:
-    """The child, or the object of the program that replaces it."""
-    name = child.get("name")
-    if child.tag in VARIABLE_TAGS and name and child.child("expression") is None:
-        found = made.get(name)
-        if found is not None:
-            bound = sharing(child.tag, found)
-        else:
-            try:
-                bound = program.variable(name, child.tag)
-            except FieldError:  # a name that PolyScope accepts, but we do not
-                return child
-            if bound.shared is None:
-                made[name] = bound
-    elif child.tag in _NAMED and child.get("referencedName"):
-        of_place = {"class_": child.attributes["class"]} if "class" in child.attributes else {}
-        bound = program.named(child.tag, child.get("referencedName"), **of_place)
-    elif child.tag == "Waypoint" and parent.tag == "ExpressionWaypoint" and name in waypoints and name not in inside:
-        bound = sharing("Waypoint", waypoints[name], referenceName=name)
-    elif child.tag == "subprogram":
-        found = next(
-            (
-                place.resolved()
-                for place in program.root.places()
-                if tag_of(place) in ("SubProgram", "subprogram") and place.get("name") == name
-            ),
-            None,
-        )
-        if found is None:
+class _Binding:
+    """The objects of a program to which the names in copies refer, and the new ones among the copies."""
+
+    def __init__(self, copies: list[Element], program: Surroundings) -> None:
+        self._program = program
+        copied = {place.get("name") for each in copies for place in each.places() if tag_of(place) == "Waypoint"}
+        waypoints = self._objects("Waypoint")
+        self._waypoints = {name: waypoints[name] for name in waypoints.keys() - copied}
+        self._subprograms = self._objects("SubProgram", "subprogram")
+        self._new_variables: dict[str, Element] = {}
+
+    def bound(self, child: Element, parent: Element) -> Element:
+        """The child, or a place that refers to an object of the program instead."""
+        place = self._place(child, parent)
+        if place is None:
             return child
-        bound = sharing("subprogram", found)
-    else:
-        return child
-    bound.parent = parent
-    return bound
+        place.parent = parent
+        return place
+
+    def _objects(self, *tags: str) -> dict[str, Element]:
+        places = (place for place in self._program.root.places() if tag_of(place) in tags)
+        return {place.get("name"): place.resolved() for place in places}
+
+    def _place(self, child: Element, parent: Element) -> Element | None:
+        name = child.get("name")
+        if child.tag in VARIABLE_TAGS and name and child.child("expression") is None:
+            return self._variable(child.tag, name)
+        if child.tag in _NAMED and child.get("referencedName"):
+            of_place = {"class_": child.attributes["class"]} if "class" in child.attributes else {}
+            return self._program.named(child.tag, child.get("referencedName"), **of_place)
+        if child.tag == "Waypoint" and parent.tag == "ExpressionWaypoint" and name in self._waypoints:
+            return sharing("Waypoint", self._waypoints[name], referenceName=name)
+        if child.tag == "subprogram" and name in self._subprograms:
+            return sharing("subprogram", self._subprograms[name])
+        return None
+
+    def _variable(self, tag: str, name: str) -> Element | None:
+        if name in self._new_variables:
+            return sharing(tag, self._new_variables[name])
+        try:
+            place = self._program.variable(name, tag)
+        except FieldError:  # a name that PolyScope accepts, but we do not
+            return None
+        if place.shared is None:
+            self._new_variables[name] = place
+        return place
