@@ -105,12 +105,13 @@ def ur_robot(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, _ur_tasks: None
 ) -> "Iterator[VirtualRobot]":
     """A robot in this process, in virtual time and without ports: the verbs of the control API as methods."""
-    from emulator.journal.file import MemorySink
-    from emulator.journal.recorder import record
+    __tracebackhide__ = True
     from urproto.testing import virtual_robot
 
-    __tracebackhide__ = True
     robot = virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))
+    from emulator.journal.file import MemorySink  # now that the package is known to be this one
+    from emulator.journal.recorder import record
+
     recorder = record(robot, MemorySink())
     request.node.stash[_journals] = tmp_path_factory.getbasetemp(), {"ur_robot": lambda: recorder.journal}
     began_s = robot.controller.time_s
