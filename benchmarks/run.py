@@ -57,6 +57,7 @@ MEASUREMENTS: Final = (
     "physics.measure",
     "physics.measure_learning",
     "physics.measure_real_time",
+    "journal.measure",
     "rtde_codec.measure",
     "urscript_speed.measure_compiling",
     "urscript_speed.measure",
