@@ -53,9 +53,9 @@ def measure() -> Table:
             ]
         )
     about = (
-        f"A UR5e at 500 Hz in virtual time, medians of {BLOCKS} blocks of {SECONDS:g} s of robot time, in turns. In real "
-        "time, a thread compresses the journal, which is included here. The last column is how fast a replay is, with "
-        "the start of the robot."
+        f"A UR5e at 500 Hz in virtual time, medians of {BLOCKS} blocks of {SECONDS:g} s of robot time, in turns. In "
+        "real time, a thread compresses the journal, which is included here. The last column is how fast a replay is, "
+        "with the start of the robot."
     )
     heads = ["", "period", "recorded", "of a core at 500 Hz", "journal of a minute", "replay"]
     return Table("Journals", about, heads, rows)
