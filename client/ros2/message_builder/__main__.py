@@ -72,7 +72,8 @@ def main() -> None:
             stdout.write(f"{share:.3f} {activity}\n")
             stdout.flush()
         except BrokenPipeError:  # the process that started this one was killed
-            os.killpg(0, signal.SIGKILL)
+            if sys.platform != "win32":
+                os.killpg(0, signal.SIGKILL)
 
     # generators print the names of files to standard output
     stdout = os.fdopen(os.dup(1), "w", encoding="utf-8")
