@@ -20,8 +20,8 @@ MAGIC: Final = b"ur-emulator journal 1\n"
 _HEADER: Final = struct.Struct("!II")
 _MAX_FRAME: Final = 2**28  # bytes, of which none that was written has as many
 _LEVEL: Final = 1  # of compression: a quarter of the time of the usual level, a tenth more bytes
-MOST_IN_MEMORY: Final = 64 * 1024 * 1024
-"""Bytes of a journal that is kept in memory; guess: half an hour of a stream of setpoints."""
+MOST_IN_MEMORY: Final = 32 * 1024 * 1024
+"""Bytes of a journal that is kept in memory; guess: forty minutes of a stream of setpoints."""
 Record = list[Any]
 
 

@@ -13,8 +13,11 @@ import struct
 import zlib
 from array import array
 from base64 import b64encode
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import suppress
+from functools import partial
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,12 +29,17 @@ from emulator.journal.file import FORMAT, JournalWriter, MemorySink, Record, Sin
 from emulator.journal.values import JournalValueError, Numbers, encode
 from emulator.machine import ControllerConfig
 from emulator.mailbox import Command
+from emulator.robot.kinds import ArmKind
 from emulator.robotapi.server import RobotApiCall
 from emulator.snapshot import Snapshot
 
 _STATE: Final = struct.Struct("<18d3i")
-_MAX_FILES: Final = 32 * 1024 * 1024  # bytes of files in a journal; guess
+_MAX_FILES: Final = 4 * 1024 * 1024  # bytes in the first record, which is written while the robot starts; guess
+_MAX_ENTRIES: Final = 2000  # of the programs folder that are looked at; guess: a millisecond or two
 _PROGRAM_FILES: Final = (".urp", ".urpx", ".script", ".installation", ".variables")
+_PATHS: Final = ("arm", "calibration", "initial_positions", "programs", "safety", "world")  # options that may be files
+_WORDS: Final = (*ArmKind, "factory")  # values of these options that name no files
+_LOADING: Final = ("dashboard", "play_from", "save_program", "delete_program")  # verbs after which a file may be read
 
 _ENCODED: Final = frozenset({"socket", "modbus", "tool", "file"})  # kinds whose contents are not JSON
 
@@ -72,28 +80,34 @@ def header_of(config: ControllerConfig) -> dict[str, Any]:
         "wall_clock_s": config.wall_clock_s,
         "options": {name: files.option(name, value) for name, value in (config.options or {}).items()},
         "files": files.contents,
+        "left_out": files.left_out,
         "problem": files.problem if config.options is not None else "it was not made from options",
     }
 
 
 class _Files:
-    """The files that options name. contents: of each option, relative path -> base64. problem: why one is missing."""
+    """The files that options name.
+
+    contents: of each option, relative path -> base64. left_out: files for which there was no room. problem: an option
+    that a journal cannot contain.
+    """
 
     def __init__(self) -> None:
         self.contents: dict[str, dict[str, str]] = {}
+        self.left_out: list[str] = []
         self.problem = ""
         self._room = _MAX_FILES
 
     def option(self, name: str, value: Any) -> Any:
         """The value for the journal: of a file or folder, its name below the option's own folder."""
-        if isinstance(value, Path) or (isinstance(value, str) and name != "model" and Path(value).exists()):
+        if name in _PATHS and isinstance(value, Path | str) and str(value) not in _WORDS:
             path = Path(value)
             if path.is_dir():
-                self._add(name, path, [file for file in sorted(path.rglob("*")) if file.suffix in _PROGRAM_FILES])
+                self._add(name, path, _program_files(path))
                 return {"folder": name}
             if path.is_file():
-                beside = sorted(path.parent.rglob("*")) if name == "world" else [path]
-                self._add(name, path.parent, beside)
+                beside = islice(path.parent.rglob("*"), _MAX_ENTRIES) if name == "world" else ()
+                self._add(name, path.parent, (path, *beside))
                 return {"folder": name, "file": path.name}
         if isinstance(value, tuple):
             return list(value)
@@ -102,16 +116,20 @@ class _Files:
             return None
         return value
 
-    def _add(self, option: str, folder: Path, files: list[Path]) -> None:
+    def _add(self, option: str, folder: Path, files: Iterable[Path]) -> None:
         contents = self.contents.setdefault(option, {})
-        for file in files:
-            if not file.is_file():
-                continue
-            self._room -= file.stat().st_size
-            if self._room < 0:
-                self.problem = f"the files of {option} are larger than {_MAX_FILES // 2**20} MB"
-                return
-            contents[file.relative_to(folder).as_posix()] = b64encode(file.read_bytes()).decode()
+        for file in filter(Path.is_file, files):
+            name, size = file.relative_to(folder).as_posix(), file.stat().st_size
+            if size > self._room:
+                self.left_out.append(name)
+            elif name not in contents:
+                self._room -= size
+                contents[name] = b64encode(file.read_bytes()).decode()
+
+
+def _program_files(folder: Path) -> list[Path]:
+    """The files of a programs folder that a controller may read; of a very large folder, some of them."""
+    return [file for file in islice(folder.rglob("*"), _MAX_ENTRIES) if file.suffix in _PROGRAM_FILES]
 
 
 class Recorder:
@@ -141,7 +159,7 @@ class Recorder:
         controller.recorder = self
         self._second = round(1.0 / controller.period_s)
         self._programs_dir = controller.config.programs_dir
-        self._seen = dict(self._program_files())
+        self._seen = self._states_of_files()
 
     def rebooted(self, controller: Controller, boot_s: float, periods_off: int) -> None:
         """Continue with the controller after a restart."""
@@ -177,7 +195,7 @@ class Recorder:
 
     def posted(self, command: Command) -> None:
         """A command was posted."""
-        if isinstance(command, RobotApiCall) or (isinstance(command, DashboardLine) and "load" in command.text):
+        if isinstance(command, RobotApiCall) or (isinstance(command, DashboardLine) and "load" in command.text.lower()):
             self._look_at_files()
         try:
             content = encode(command, self._numbers)
@@ -191,7 +209,8 @@ class Recorder:
 
     def called(self, name: str, arguments: Mapping[str, Any], call: Callable[[], Any]) -> Any:
         """Call a verb; returns its result, or its steps with an eye on whether somebody waits for their end."""
-        self._look_at_files()
+        if name in _LOADING:
+            self._look_at_files()
         number, self._verbs = self._verbs, self._verbs + 1
         self._write("verb", name, encode(dict(arguments), self._numbers))
         result = call()
@@ -205,20 +224,24 @@ class Recorder:
             raise
 
     def _look_at_files(self) -> None:
-        for path, state in self._program_files().items():
+        for path, state in self._states_of_files().items():
             if self._seen.get(path) != state:
                 self._seen[path] = state
-                self._attempt(lambda path=path: self._write("file", *self._content(path)))  # type: ignore[misc]
+                self._attempt(partial(self._write_file, path))
 
-    def _content(self, path: Path) -> tuple[str, bytes]:
+    def _write_file(self, path: Path) -> None:
         assert self._programs_dir is not None
-        return path.relative_to(self._programs_dir).as_posix(), path.read_bytes()
+        self._write("file", path.relative_to(self._programs_dir).as_posix(), path.read_bytes())
 
-    def _program_files(self) -> dict[Path, tuple[int, int]]:
+    def _states_of_files(self) -> dict[Path, tuple[int, int]]:
+        """Time of the last change and size of the files in the programs folder."""
         if self._programs_dir is None:
             return {}
-        files = [file for file in self._programs_dir.rglob("*") if file.suffix in _PROGRAM_FILES and file.is_file()]
-        return {file: (file.stat().st_mtime_ns, file.stat().st_size) for file in files}
+        states = {}
+        for file in _program_files(self._programs_dir):
+            with suppress(OSError):  # removed in the meantime
+                states[file] = (file.stat().st_mtime_ns, file.stat().st_size)
+        return states
 
     # the periods
 

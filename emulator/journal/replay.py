@@ -5,7 +5,7 @@ import platform
 import struct
 import tempfile
 from base64 import b64decode
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -247,6 +247,8 @@ class Replay:
             )
         if self.header["machine"] != (here := platform.machine()):
             return f"the run is of a {self.header['machine']} machine, this is {here}: their arithmetic may differ"
+        if left_out := self.header["left_out"]:
+            return f"{len(left_out)} files did not fit into the journal, such as {left_out[0]}"
         return "something entered the robot that the journal does not have: please report it with the journal"
 
 
@@ -256,8 +258,3 @@ class _NoPower:
     def switch_off(self, *, silent: bool) -> None: ...
 
     def switch_on(self, boot_s: float) -> None: ...
-
-
-def records_of(source: Path | bytes) -> Iterator[Record]:
-    """All records, for readers of other kinds; see `emulator.journal.file` and `doors.DOORS`."""
-    return read_journal(source)

@@ -52,6 +52,7 @@ end
 """
 
 
+PHYSICS = Path(__file__).parents[2] / "examples" / "physics"
 COMMANDS = (
     DashboardLine("load a\xfc\udcff.urp", restricted=True),
     ScriptUnit("a = 1\n", "line"),
@@ -202,6 +203,36 @@ def test_verbs_and_faults(fault: dict[str, Any]):
     run.robot.release_brakes()
     run.robot.step(50)
     run.is_repeated()
+
+
+@pytest.mark.parametrize("world", ["wall.yaml", "conveyor.yaml"])
+def test_a_world_with_physics(world):
+    run = Recorded("ur5e", world=PHYSICS / world, physics=True, gripper="robotiq-2f-85")
+    run.robot.send_script("def down():\n  while True:\n    speedl([0.02, 0, -0.1, 0, 0, 0], 0.5, 0.5)\n  end\nend\n")
+    run.robot.step(300)
+    run.robot.set_digital_output(0, True)
+    run.robot.step(1200)
+    run.is_repeated()
+
+
+def test_values_of_options_that_are_names_of_files_too(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("ideal", "ursim", "ur5e", "factory"):
+        (tmp_path / name).mkdir()
+    run = Recorded("ur5e", safety="factory")
+    run.robot.step(10)
+    run.is_repeated()
+
+
+def test_files_for_which_there_is_no_room(tmp_path):
+    for number in range(3):
+        (tmp_path / f"{number}.script").write_text(f"# {'x' * 2_000_000}\n")
+    run = Recorded(programs=tmp_path)
+    run.robot.step(10)
+    run.is_repeated()
+    with run.replay() as again:
+        assert len(again.header["left_out"]) == 1
+        assert "1 files did not fit into the journal" in again.advice
 
 
 def test_programs_that_change_while_it_runs(tmp_path):
