@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 HIDDEN = """
 import sys
 
@@ -28,6 +30,7 @@ def run(code: str, *arguments: str, cwd: Path | None = None) -> subprocess.Compl
     return subprocess.run(command, capture_output=True, text=True, timeout=100, cwd=cwd, check=False)
 
 
+@pytest.mark.long
 def test_an_arm_moves_with_the_same_torques_as_pinocchio() -> None:
     moving = """
 from urproto.testing import virtual_robot
