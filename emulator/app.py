@@ -61,12 +61,12 @@ _logger = logging.getLogger(__name__)
 class Emulator:
     """A controller that answers on its ports while the context is entered.
 
-    clock: drives the controller; real time by default. stopped: set by ``stop``, and when a client shuts the
-    controller down. port_fallbacks: by server name, why a server listens on a free port instead of its usual one.
-    tool_device: the device connected to the tool's serial line, for example the path of a pseudo terminal; "" for
-    none. control: the verbs of the control API, for callers in the same event loop; the API's port stays open while a
-    fault keeps the controller off. After such an outage, ``controller`` and ``servers`` refer to new objects; the
-    hooks of the servers are kept.
+    clock: drives the controller; real time by default. controller: one to go on with, which is not recorded; a new one
+    by default. stopped: set by ``stop``, and when a client shuts the controller down. port_fallbacks: by server name,
+    why a server listens on a free port instead of its usual one. tool_device: the device connected to the tool's serial
+    line, for example the path of a pseudo terminal; "" for none. control: the verbs of the control API, for callers in
+    the same event loop; the API's port stays open while a fault keeps the controller off. After such an outage,
+    ``controller`` and ``servers`` refer to new objects; the hooks of the servers are kept.
     """
 
     def __init__(
@@ -74,6 +74,7 @@ class Emulator:
     ) -> None:
         self.config = config
         self.controller = controller or Controller(config.controller)
+        self._goes_on = controller is not None  # from a state that a journal could not begin with
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, Port] = {}
         self._control_server: ControlServer | None = None
@@ -119,8 +120,9 @@ class Emulator:
     async def __aenter__(self) -> Self:
         """Open the ports and start the clock. Raises OSError for a port that cannot be opened."""
         async with AsyncExitStack() as starting:
-            self._record(starting)
-            starting.callback(self._end_journal)
+            if not self._goes_on:
+                self._record(starting)
+                starting.callback(self._end_journal)
             if self.config.tool_device is not None:
                 self._line, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
             starting.push_async_callback(self._stop_services)

@@ -117,7 +117,9 @@ class PortVerbs(Verbs):
         ``ur-emulator ctl journal --file run.journal`` writes it to a file.
         """
         if not (content := self._journal()):
-            raise NotPossible("the run is not in memory: it is too long, or --journal writes it to a file")
+            raise NotPossible(
+                "the run is not in memory: it is too long, it goes on from a replay, or --journal writes it to a file"
+            )
         return b64encode(content).decode()
 
     @verb

@@ -7,6 +7,7 @@ import os
 import zipfile
 from base64 import b64decode
 from contextlib import suppress
+from dataclasses import replace
 from random import Random
 
 import pytest
@@ -256,3 +257,21 @@ async def test_the_control_api_hands_the_journal_out():
         with Replay(journal) as replay:
             replay.run()
             assert (replay.difference, replay.periods) == (None, 200)
+
+
+async def test_the_ports_open_where_a_replay_ends():
+    run = Recorded()
+    run.robot.send_script(MOVE)
+    run.robot.step(1500)
+    with run.replay() as again:
+        again.run(parse_condition("timestamp >= 43"))
+        clock = StepClock()
+        config = replace(configure(model="ur5e", ephemeral_ports=True), controller=again.config)
+        async with Emulator(config, clock, again.leave()) as emulator:
+            assert emulator.ports["rtde"]
+            assert emulator.control.state()["runtime_state"] == "PLAYING"
+            before = emulator.controller.snapshot.target_q
+            clock.step(100)
+            assert emulator.controller.snapshot.target_q != before
+            with pytest.raises(NotPossible, match="goes on from a replay"):
+                emulator.control.journal()
