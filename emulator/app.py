@@ -163,6 +163,8 @@ class Emulator:
     def _record(self, starting: AsyncExitStack) -> None:
         """Record from now on, in a file or in memory. Raises OSError."""
         header, path = header_of(self.config.controller), self.config.journal
+        if path is None and header["problem"]:
+            return  # nobody could replay it
         if path is None:
             memory = MemorySink()
             self._recorder = Recorder(JournalWriter(memory, background=True), header, memory)

@@ -20,6 +20,7 @@ from urproto.robots import MODELS
 
 if TYPE_CHECKING:
     from emulator.config import EmulatorConfig
+    from emulator.machine import ControllerConfig
 
 _USAGE_ERROR: Final = 2
 
@@ -174,16 +175,23 @@ def help_of(name: str) -> str:
 
 def configure(**options: Any) -> "EmulatorConfig":
     """The configuration that options of `RobotOptions` describe. Raises ConfigError."""
-    from emulator import config as checked  # imports the whole emulator, which --help does not need
+    from emulator.config import controller_config  # imports the whole emulator, which --help does not need
 
     given = vars(RobotOptions(**options)).copy()
     controller = {name: given.pop(name) for name in CONTROLLER_OPTIONS}
+    return with_ports(controller_config(**controller, wall_clock_s=time.time()), **given)
+
+
+def with_ports(controller: "ControllerConfig", **options: Any) -> "EmulatorConfig":
+    """The configuration of a controller with the options that `RobotOptions` adds. Raises ConfigError."""
+    from emulator import config as checked
+
     return checked.EmulatorConfig(
-        controller=checked.controller_config(**controller, wall_clock_s=time.time()),
-        control=not given.pop("no_control"),
-        client_limits=checked.check_client_limits(given.pop("most_clients"), given.pop("most_clients_per_address")),
-        faults=checked.read_faults(given.pop("fault") or ()),
-        **given,
+        controller=controller,
+        control=not options.pop("no_control"),
+        client_limits=checked.check_client_limits(options.pop("most_clients"), options.pop("most_clients_per_address")),
+        faults=checked.read_faults(options.pop("fault", None) or ()),
+        **options,
     )
 
 

@@ -8,11 +8,10 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from emulator.config import EmulatorConfig, check_client_limits
 from emulator.control.timing import parse_condition
 from emulator.journal.replay import Replay
 from emulator.logs import LogLevel, log_to_stderr
-from emulator.options import CONTROLLER_OPTIONS, RobotOptions, errors_in_one_line
+from emulator.options import CONTROLLER_OPTIONS, RobotOptions, errors_in_one_line, with_ports
 from emulator.serve import serve
 from emulator.snapshot import Snapshot
 from urproto.commandline import application, with_options_of
@@ -53,7 +52,7 @@ def _replay(
             _report(replay, time.monotonic() - began_s)
             if go_on:
                 with errors_in_one_line():
-                    asyncio.run(serve(_config(replay, robot), None, None, controller=replay.leave()))
+                    asyncio.run(serve(with_ports(replay.config, **robot), None, None, controller=replay.leave()))
     except ValueError as error:
         _fail(str(error), _USAGE_ERROR)
     except OSError as error:
@@ -69,13 +68,6 @@ def _condition(text: str) -> Callable[[Snapshot], bool] | None:
     except ValueError:
         return parse_condition(text)
     return lambda snapshot: snapshot.timestamp >= time_s
-
-
-def _config(replay: Replay, robot: Mapping[str, Any]) -> EmulatorConfig:
-    given = dict(robot)
-    limits = check_client_limits(given.pop("most_clients"), given.pop("most_clients_per_address"))
-    control = not given.pop("no_control")
-    return EmulatorConfig(controller=replay.config, control=control, client_limits=limits, **given)
 
 
 def _report(replay: Replay, took_s: float) -> None:

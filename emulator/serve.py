@@ -35,9 +35,8 @@ async def serve(
     controller: one to go on with. Raises ConfigError, NotReady, OSError.
     """
     screen = console(cast(TextIO, OUTPUT))
-    emulator = Emulator(
-        replace(config, faults=()), controller=controller
-    )  # faults begin once the emulator has proven to be ready
+    without_faults = replace(config, faults=())  # they begin once the emulator has proven to be ready
+    emulator = Emulator(without_faults, controller=controller)
     async with AsyncExitStack() as running:
         running.enter_context(OUTPUT.in_background())
         running.enter_context(ERROR.in_background())

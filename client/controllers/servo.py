@@ -5,7 +5,7 @@ active forward controller executes it, whether it commands positions or velociti
 with MoveIt. Everything ends at rest: a command that is not repeated expires.
 
 Facts: MoveIt Servo (types of commands, status codes, thresholds of condition numbers) and ur_moveit_config, whose
-values are the defaults.
+values are the defaults, except for the rate of collision checks.
 """
 
 import math
@@ -32,7 +32,7 @@ _REST.flags.writeable = False
 _COMMANDED: Final = ("position", "velocity")
 
 ACCELERATION_RAD_S2: Final = 5.0
-"""At which joints follow a command, and stop; guess: half of what ur_moveit_config allows a joint at least."""
+"""At which joints follow a command, and stop; source: joint_limits.yaml of ur_moveit_config, the same for each."""
 _BRAKING: Final = 0.8  # share of the acceleration at which a joint is expected to stop before its limit
 _DAMPING: Final = 1e-3  # of the pseudo-inverse
 _LEAVING: Final = 0.1  # lowest factor on the way out of a singularity, so that no arm gets stuck there; guess
@@ -79,7 +79,10 @@ _TEXTS: Final = {
 
 @dataclass(frozen=True)
 class ServoScale:
-    """What a command of 1 means if commands are unitless: m/s, rad/s of a twist, rad/s of a joint."""
+    """What a command of 1 means if commands are unitless: m/s, rad/s of a twist, rad/s of a joint.
+
+    The first two are also the greatest speeds towards a pose.
+    """
 
     linear: float = 0.6
     rotational: float = 0.3

@@ -117,9 +117,8 @@ class PortVerbs(Verbs):
         ``ur-emulator ctl journal --file run.journal`` writes it to a file.
         """
         if not (content := self._journal()):
-            raise NotPossible(
-                "the run is not in memory: it is too long, it goes on from a replay, or --journal writes it to a file"
-            )
+            why = "it is too long, goes on from a replay, has no options to begin with, or is in the file of --journal"
+            raise NotPossible(f"the run is not in memory: {why}")
         return b64encode(content).decode()
 
     @verb
@@ -188,8 +187,9 @@ class Control(_Methods):
         def call(*values: Any, **named: Any) -> Any:
             if self.on_call is None:
                 return method(*values, **named)
-            arguments = inspect.signature(method).bind(*values, **named).arguments
-            arguments.update(arguments.pop("arguments", {}) if name == "inject_fault" else {})
+            signature = inspect.signature(method)
+            bound = signature.bind(*values, **named)
+            arguments = dict(zip(signature.parameters, bound.args, strict=False)) | bound.kwargs
             return self.on_call(name, arguments, lambda: method(*values, **named))
 
         return call
@@ -257,8 +257,8 @@ class VirtualRobot(Control):
         super().__init__(machine, ManualPace(), machine.faults)
 
 
-class _ServedRobot(ControlledRobot):
-    """A controller that a clock drives: a server continues the steps of a verb after each control period."""
+class ServedRobot(ControlledRobot):
+    """A controller that something else drives, which continues the steps of a verb after each control period."""
 
     def wait(self, steps: Waiting[_T]) -> _T:
         return cast(_T, steps)
@@ -277,7 +277,7 @@ class LiveControl(Control, _MethodsOfPorts):
         faults: FaultInjector,
         journal: Callable[[], bytes] = bytes,
     ) -> None:
-        robot = _ServedRobot(controller)
+        robot = ServedRobot(controller)
         super().__init__(robot, pace, faults)
         self.pendant_report: Callable[[], dict[str, Any]] = dict
         self._take(PortVerbs(robot, ports, lambda: self.pendant_report(), journal))

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.config import ConfigError, controller_config
-from emulator.control.control import Control
+from emulator.control.control import Control, ServedRobot
 from emulator.control.timing import ManualPace
-from emulator.control.verbs import ControlledRobot
 from emulator.controller import Controller
 from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector
@@ -44,13 +43,6 @@ class Difference:
         telling = sorted(self.values, key=lambda value: isinstance(value[1], list))  # modes first
         named = "; ".join(f"{name} is {new}, recorded {old}" for name, old, new in telling[:_MOST_NAMED])
         return f"period {self.period} ({self.time_s:.3f} s of robot time) differs{': ' if named else ''}{named}"
-
-
-class _Robot(ControlledRobot):
-    """A controller whose verbs' steps the replay continues."""
-
-    def wait(self, steps: Any) -> Any:
-        return steps
 
 
 class Replay:
@@ -84,7 +76,7 @@ class Replay:
         self._sockets, self._modbus = ReplayedSockets(), ReplayedModbus()
         self._device = ReplayedDevice(lambda: self.periods)
         self.controller = Controller(self.config)
-        self._robot = _Robot(self.controller)
+        self._robot = ServedRobot(self.controller)
         self._faults = FaultInjector(self.controller, machine=_NoPower())
         self._control = Control(self._robot, ManualPace(), self._faults)
         self._connect()
