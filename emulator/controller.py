@@ -32,6 +32,7 @@ from emulator.programs.runner import Programs
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.arm import Arm
+from emulator.robot.chance import Chances
 from emulator.robot.electrics import Electrics
 from emulator.robot.installation import Installation
 from emulator.robot.simulation import Simulation
@@ -106,6 +107,7 @@ class Controller(Machine):
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
         self.rtde_refreshed: dict[str, int] = {}  # step of its last update
         self.rtde_refused: set[str] = set()  # inputs with unusable values that have been reported
+        self.chances = Chances(config.seed)
         self.installation = Installation()
         self.world_model = WorldModel()
         self.base_light = BaseLight()
@@ -115,11 +117,11 @@ class Controller(Machine):
         self.external_wrench: Vector6 = ZERO6  # external wrench on the TCP, base frame [N, Nm]
         self.world: World | None = config.world.build(self.model, self.period_s) if config.world else None
         self.ft_input = ForceInput()
-        self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
+        self.arm = Arm(self.model, chances=self.chances if config.dynamic else None)
         self.simulation = Simulation(self.arm)
         self.arm.base_wrench_enabled = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         supply = supply_of(self.model) if config.dynamic else None
-        self.electrics = Electrics(self._situation_of_arm, supply, config.seed)
+        self.electrics = Electrics(self._situation_of_arm, self.chances, supply)
         self.motion = Motion(self.model, self.period_s, config.start_q)
         self.modbus = ModbusSignals(self.version.series)
         self.freedrive_inputs = FreedriveInputs(self.signals, self.registers, self.modbus, self.motion)

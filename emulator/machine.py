@@ -20,6 +20,7 @@ from emulator.motion import Motion
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.arm import Arm
+from emulator.robot.chance import Chances
 from emulator.robot.installation import Installation
 from emulator.robot.simulation import Simulation
 from emulator.robot.worldmodel import WorldModel
@@ -177,6 +178,7 @@ class Machine(ABC):
     """The arm that programs move: in simulation, not the real one."""
     simulation: Simulation
     motion: Motion
+    chances: Chances
     programs: ProgramControl
 
     signals: Signals

@@ -45,6 +45,7 @@ _SECTIONS: Final[dict[str, tuple[Callable[["Controller"], Any], tuple[str, ...]]
     ),
     "programs": (lambda c: c.programs, ("flags",)),
     "electrics": (lambda c: c.electrics, ("energy_J", "braking_energy_J")),
+    "temperatures": (lambda c: c.electrics.thermals, ("joints", "tool", "box", "elapsed_s")),
 }
 
 
@@ -60,6 +61,7 @@ def save_state(controller: "Controller") -> dict[str, Any]:
         "tcp": list(controller.installation.tcp),
         "payload": {"mass_kg": payload.mass, "cog_m": list(payload.cog), "inertia_kg_m2": list(payload.inertia)},
         "power": controller.power.state.name,
+        "chances": controller.chances.save(),
         "world": None if controller.world is None else controller.world.save(),
         **{section: _values(holder(controller), names) for section, (holder, names) in _SECTIONS.items()},
     }
@@ -102,7 +104,9 @@ def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:
         raise ValueError(f"an arm cannot be put into {power.name}")
     payload = document["payload"]
     mounted = Payload(float(payload["mass_kg"]), _numbers(payload["cog_m"], 3), _numbers(payload["inertia_kg_m2"], 6))
-    controller.motion.set_position(_numbers(document["q_rad"], 6))
+    q = _numbers(document["q_rad"], 6)
+    controller.motion.set_position(q)
+    controller.arm.recover(q)  # so that nothing of an earlier motion is left in a dynamic arm
     controller.set_tcp(_numbers(document["tcp"], 6))
     controller.installation.set_payload(mounted)
     for section, (holder, names) in _SECTIONS.items():
@@ -113,7 +117,9 @@ def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:
         if controller.world is None:
             raise ValueError("it has a world with moving objects, this robot has none")
         controller.world.restore(scene)
+    controller.chances.restore(document["chances"])
     controller.power.put(power)
+    controller.electrics.mark()
 
 
 def _values(holder: Any, names: tuple[str, ...]) -> dict[str, Any]:

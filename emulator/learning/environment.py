@@ -32,6 +32,7 @@ FIRST_REGISTER: Final = 24
 """First double register for RTDE clients; 0 to 23 are for fieldbuses."""
 FIRST_BIT: Final = 64
 """First bit register for RTDE clients."""
+_SEEDS: Final = 2**32
 _SETTLING_S: Final = 0.5  # in which objects come to rest before the first episode
 _STOPPING_S: Final = 2.0  # for an arm to stand still after its program was stopped; then a new robot replaces it
 
@@ -143,6 +144,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         """Begin an episode: robot and scene return to their initial state, which `arrange` varies."""
         super().reset(seed=seed)
         self._return()
+        self.robot.controller.chances.restart(int(self.np_random.integers(_SEEDS)))
         self.arrange(options or {})
         self._begin()
         return self.observe(), {}

@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from math import ceil
 from pathlib import Path
-from random import Random
 from typing import Any, Final
 
 from emulator.builtins.host import ProgramHost, StepHook
@@ -86,7 +85,7 @@ class Programs:
         self.pause_codes: set[tuple[int, int | None]] = set()  # pause_on_error_code: code and argument, None for any
         self.high_holding_torque = True
         self.jerk_gain_scaling = 1.0
-        self.chance = Random(f"random() {machine.config.seed}")
+        self.chance = machine.chances.stream("random()")
         self.motion_version = 1  # guess: the value of motion_version_get() before it is set
         self._compiling = Compiling(machine.work)
         self.interpreter = Interpreter(machine.work, self._note, machine.motion.commands.abort)

@@ -15,6 +15,7 @@ real arm, too (``urproto.robots.measured``).
 import math
 from typing import TYPE_CHECKING, Final
 
+from emulator.robot.chance import Chances
 from emulator.robot.collisions import CollisionWindows
 from emulator.robot.drives import Drives, TorqueCommand
 from emulator.robot.installation import Installation, Payload
@@ -88,12 +89,12 @@ _Motion = tuple[Vector6, Vector6, Vector6]
 class Arm:
     """State of the arm after the latest ``update``; ``publish`` writes it to a snapshot.
 
-    Torques [Nm], currents [A]; poses, speeds and wrenches in the base frame at the TCP. ``seed``: of a dynamic arm's
+    Torques [Nm], currents [A]; poses, speeds and wrenches in the base frame at the TCP. ``chances``: of a dynamic arm's
     noise; None for an ideal arm. q, qd, qdd, tcp_* are the actual values; measured_* are the values the controller
     reports, with delay and noise while a dynamic arm moves.
     """
 
-    def __init__(self, model: RobotModel, *, seed: int | None = None) -> None:
+    def __init__(self, model: RobotModel, *, chances: Chances | None = None) -> None:
         from urproto.robots.dynamics import (
             Dynamics,
         )  # Pinocchio is slow to import: programs without an arm, such as the script checker, need not wait for it
@@ -101,12 +102,12 @@ class Arm:
         self.model = model
         self.kinematics = kinematics_of(model)
         self.dynamics = Dynamics(model)
-        self.drives = None if seed is None else Drives(model)
+        self.drives = None if chances is None else Drives(model)
         drivetrain = drivetrain_of(model)
         self._known_friction, self._rotors = drivetrain.known_friction, drivetrain.rotor_kg_m2
         self.torque_constants = model.torque_constants if self.drives is None else drivetrain.torque_constants_Nm_A
-        self._sensors = Sensors(model, seed or 0)
-        self._static_friction = StaticFriction(model, seed or 0)
+        self._sensors = Sensors(model, chances or Chances(0))
+        self._static_friction = StaticFriction(model, chances or Chances(0))
         self.target_q: Vector6 = ZERO6
         self.target_qd: Vector6 = ZERO6
         self.target_qdd: Vector6 = ZERO6
@@ -288,6 +289,7 @@ class Arm:
         self._known = self._driven = False
         if self.drives is not None:
             self.drives.place(q)
+            self._static_friction.forget()
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write the results of ``update`` to a snapshot."""

@@ -12,10 +12,10 @@ facts.
 
 from math import exp
 from operator import add, mul
-from random import Random
 from typing import Final
 
 from emulator.robot.arm import Arm
+from emulator.robot.chance import Chances
 from emulator.snapshot import Snapshot
 from urproto.facts import Personality, Situation, find
 from urproto.robots.measured import Supply
@@ -49,7 +49,7 @@ class Thermals:
         self.joints: Vector6 = (ROOM_C,) * 6
         self.tool = ROOM_C
         self.box = ROOM_C
-        self._elapsed_s = 0.0
+        self.elapsed_s = 0.0
         self._constant = situation.personality is Personality.URSIM
         if self._constant:
             self.joints = find("joint_temperatures", situation).six
@@ -62,10 +62,10 @@ class Thermals:
         """
         if self._constant:
             return False
-        self._elapsed_s += period_s
-        if self._elapsed_s < _PERIOD_S:
+        self.elapsed_s += period_s
+        if self.elapsed_s < _PERIOD_S:
             return False
-        self._elapsed_s -= _PERIOD_S
+        self.elapsed_s -= _PERIOD_S
         self.joints = _approach6(self.joints, _joint_rises(current, friction_W) if powered else ZERO6)
         self.tool = _approach(self.tool, _TOOL_RISE_K if powered else 0.0)
         self.box = _approach(self.box, _BOX_RISE_K)
@@ -90,16 +90,16 @@ def _approach6(temperatures: Vector6, rises: Vector6) -> Vector6:
 class Electrics:
     """Supply current, energy and temperatures, derived from the joint currents.
 
-    situation: whose values are reported. supply: a real arm's, with noise from this ``seed``.
+    situation: whose values are reported. supply: a real arm's, with noise.
     """
 
-    def __init__(self, situation: Situation, supply: Supply | None = None, seed: int = 0) -> None:
+    def __init__(self, situation: Situation, chances: Chances, supply: Supply | None = None) -> None:
         self._main_V, self._robot_V = (find(name, situation).number for name in ("main_voltage", "robot_voltage"))
         self._current, self._joint_voltages, self._tool_voltage = (
             _rule(name, situation) for name in ("robot_current", "joint_voltages", "tool_voltage")
         )
         self._supply = supply
-        self._chance = Random(f"supply {seed}")  # separate from the noise of currents
+        self._chance = chances.stream("supply")  # separate from the noise of currents
         self.robot_current_A = 0.0
         self.energy_J = 0.0
         self.braking_energy_J = 0.0

@@ -11,6 +11,7 @@ from random import Random
 from typing import Final
 
 from emulator.robot.body import Body
+from emulator.robot.chance import Chances
 from urproto.robots import RobotModel
 from urproto.robots.measured import accelerometer_noise_of, drivetrain_of, encoders_of, wrench_noise_of
 from urproto.vectors import ZERO6, Vector3, Vector6, as_six
@@ -24,19 +25,20 @@ _MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
 
 
 class _Normals:
-    """Standard normal random numbers from a seed, read at random positions of a table.
+    """Standard normal random numbers, read at random positions of a table.
 
     Drawing them one by one would take a tenth of a dynamic arm's computing time.
     """
 
-    def __init__(self, seed: int) -> None:
-        self._chance = Random(seed)
+    def __init__(self, chances: Chances) -> None:
+        self._chance = chances.stream("sensors")
         self._table: list[float] = []  # an ideal arm needs none
 
     def take(self, count: int) -> list[float]:
         """Return this many numbers, at most ``_MAX_TAKEN``."""
         if not self._table:
-            self._table = [self._chance.gauss(0.0, 1.0) for _ in range(_DRAWN + _MAX_TAKEN)]
+            drawn = Random(0)  # the table is the same on every arm, the places in it are not
+            self._table = [drawn.gauss(0.0, 1.0) for _ in range(_DRAWN + _MAX_TAKEN)]
         place = int(_DRAWN * self._chance.random())
         return self._table[place : place + count]
 
@@ -44,9 +46,9 @@ class _Normals:
 class Sensors:
     """Encoders, current and force sensors of one arm."""
 
-    def __init__(self, model: RobotModel, seed: int) -> None:
+    def __init__(self, model: RobotModel, chances: Chances) -> None:
         drives = drivetrain_of(model)
-        self._chance = _Normals(seed)
+        self._chance = _Normals(chances)
         self._rest_A, self._motion_A = drives.rest_noise_A, drives.motion_noise_A
         self._wrench = wrench_noise_of(model)
         self._accelerometer = accelerometer_noise_of(model)

@@ -1,8 +1,8 @@
 """Static friction of an arm at rest: it carries part of the load, so that the motors exert less or more torque."""
 
-from random import Random
 from typing import Final
 
+from emulator.robot.chance import Chances
 from urproto.robots import RobotModel
 from urproto.robots.measured import drivetrain_of
 from urproto.vectors import ZERO6, Vector6, as_six
@@ -19,9 +19,9 @@ _MOVED_RAD_S: Final = 0.02  # a slower movement has no direction, as in the meas
 class StaticFriction:
     """Static friction of one arm. A joint that has not moved yet is held in a random direction."""
 
-    def __init__(self, model: RobotModel, seed: int) -> None:
+    def __init__(self, model: RobotModel, chances: Chances) -> None:
         self._coulomb = drivetrain_of(model).coulomb_Nm
-        self._chance = Random(f"static friction {seed}")  # not the sensors' noise
+        self._chance = chances.stream("static friction")  # not the sensors' noise
         self._directions = [0.0] * 6
         self._held: Vector6 | None = None
 
@@ -36,6 +36,11 @@ class StaticFriction:
         if self._held is None:
             self._held = as_six(map(self._share, self._directions, self._coulomb))
         return self._held
+
+    def forget(self) -> None:
+        """No joint has moved yet."""
+        self._directions = [0.0] * 6
+        self._held = None
 
     def _share(self, way: float, coulomb: float) -> float:
         share = max(-_MAX_SHARE, min(_MAX_SHARE, self._chance.gauss(_MEAN, _SPREAD)))
