@@ -656,8 +656,8 @@ def _environment(**values: str) -> Iterator[None]:
 
 def soak(robot_s: float) -> Result:
     """An hour of robot time, as fast as it goes: motion, messages, stops and recoveries."""
-    from emulator.control.control import VirtualRobot
     from emulator.machine import ControllerConfig
+    from emulator.virtual import VirtualRobot
     from urproto.robots import load_model
 
     result = Result(f"{robot_s:g} s in virtual time")

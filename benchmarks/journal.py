@@ -7,11 +7,10 @@ from statistics import median
 from table import Table
 
 from emulator.commands.requests import RTDEInputs
-from emulator.control.control import VirtualRobot
 from emulator.journal.file import MemorySink
 from emulator.journal.recorder import record
 from emulator.journal.replay import Replay
-from emulator.virtual import virtual_robot
+from emulator.virtual import VirtualRobot, virtual_robot
 
 SECONDS = 6.0  # of robot time in each block
 BLOCKS = 5

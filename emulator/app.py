@@ -20,13 +20,15 @@ from emulator.control.control import LiveControl
 from emulator.control.http import ControlServer
 from emulator.control.metrics import metrics
 from emulator.control.timing import ManualPace
+from emulator.control.verbs import Waiting
 from emulator.controller import Controller
 from emulator.devices.tool_line import SerialDevice
 from emulator.faults.catalogue import describe
 from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
-from emulator.journal.file import JournalWriter, MemorySink
+from emulator.journal.file import JournalError, JournalWriter, MemorySink
 from emulator.journal.recorder import Recorder, header_of
+from emulator.journal.replay import Replay
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
@@ -47,6 +49,7 @@ from emulator.servers.send_scheduler import STATES_PER_SECOND, SendScheduler
 from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device
 from emulator.snapshot import Snapshot
 from urproto.compat import Self
+from urproto.controlapi import BadArguments, NotPossible
 from urproto.dashboard import AVAILABLE as DASHBOARD
 from urproto.durable import growing
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
@@ -61,20 +64,17 @@ _logger = logging.getLogger(__name__)
 class Emulator:
     """A controller that answers on its ports while the context is entered.
 
-    clock: drives the controller; real time by default. controller: one to go on with, which is not recorded; a new one
-    by default. stopped: set by ``stop``, and when a client shuts the controller down. port_fallbacks: by server name,
-    why a server listens on a free port instead of its usual one. tool_device: the device connected to the tool's serial
-    line, for example the path of a pseudo terminal; "" for none. control: the verbs of the control API, for callers in
-    the same event loop; the API's port stays open while a fault keeps the controller off. After such an outage,
-    ``controller`` and ``servers`` refer to new objects; the hooks of the servers are kept.
+    clock: drives the controller; real time by default. replay: a run to go on with. stopped: set by ``stop``, and when
+    a client shuts the controller down. port_fallbacks: by server name, why a server listens on a free port instead of
+    its usual one. tool_device: the device connected to the tool's serial line, for example the path of a pseudo
+    terminal; "" for none. control: the verbs of the control API, for callers in the same event loop; the API's port
+    stays open while a fault keeps the controller off. After such an outage, ``controller`` and ``servers`` refer to new
+    objects; the hooks of the servers are kept.
     """
 
-    def __init__(
-        self, config: EmulatorConfig, clock: Clock | None = None, controller: Controller | None = None
-    ) -> None:
+    def __init__(self, config: EmulatorConfig, clock: Clock | None = None, replay: Replay | None = None) -> None:
         self.config = config
-        self.controller = controller or Controller(config.controller)
-        self._goes_on = controller is not None  # from a state that a journal could not begin with
+        self.controller = Controller(config.controller) if replay is None else replay.leave(self)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, Port] = {}
         self._control_server: ControlServer | None = None
@@ -87,7 +87,11 @@ class Emulator:
         self._scripts.read_budget = self.read_budget
         ports = ChainMap[str, Port]({self._scripts.name: self._scripts}, self.servers)
         self.faults = FaultInjector(self.controller, ports, real, self)
-        self.control = LiveControl(self.controller, real or ManualPace(), self.servers, self.faults, self._journal)
+        if replay is not None:
+            self.faults.take_over(replay.faults)
+        self.control = LiveControl(
+            self.controller, real or ManualPace(), self.servers, self.faults, self._journal, self._go_on_from
+        )
         if config.control:
             server = ControlServer(self.controller, self.control, config.control_token, lambda: metrics(self))
             server.limits, server.read_budget = config.client_limits, self.read_budget
@@ -101,7 +105,8 @@ class Emulator:
         self._services = AsyncExitStack()  # ports and outgoing connections, open while the controller is on
         self._power = PowerSwitch()
         self._reported = ReportedErrors()
-        self._recorder: Recorder | None = None
+        self._recorder: Recorder | None = None if replay is None else replay.recorder
+        self._successor: Replay | None = None  # what the robot becomes when it is switched on
 
     @property
     def ports(self) -> dict[str, int]:
@@ -120,9 +125,11 @@ class Emulator:
     async def __aenter__(self) -> Self:
         """Open the ports and start the clock. Raises OSError for a port that cannot be opened."""
         async with AsyncExitStack() as starting:
-            if not self._goes_on:
+            if self._recorder is None:
                 self._record(starting)
-                starting.callback(self._end_journal)
+            else:
+                self.control.on_call = self._recorder.called
+            starting.callback(self._end_journal)
             if self.config.tool_device is not None:
                 self._line, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
             starting.push_async_callback(self._stop_services)
@@ -173,6 +180,18 @@ class Emulator:
             self._recorder = Recorder(JournalWriter(file, background=True), header)
         self._recorder.attach(self.controller)
         self.control.on_call = self._recorder.called
+
+    def _go_on_from(self, journal: bytes) -> Waiting[None]:
+        """Restart as the robot at the end of a journal. Raises BadArguments, NotPossible."""
+        executing = asyncio.get_running_loop().run_in_executor(None, _executed, journal)
+        while not executing.done():
+            yield
+        self._successor = executing.result()
+        self._power.off(silent=False)
+        yield
+        self._power.on(0.0)
+        while self._successor is not None:
+            yield
 
     def _journal(self) -> bytes:
         return b"" if self._recorder is None else self._recorder.journal
@@ -274,15 +293,27 @@ class Emulator:
                 connection.reset()
         before.programs.stop("the controller was off")
         await self._stop_services()
-        self.controller = rebooted(before, self._power.boot_s, self._power.periods_off * before.period_s)
-        if self._recorder is not None:
-            self._recorder.rebooted(self.controller, self._power.boot_s, self._power.periods_off)
+        if (replay := self._successor) is not None:
+            self._become(replay)
+        else:
+            self.controller = rebooted(before, self._power.boot_s, self._power.periods_off * before.period_s)
+            if self._recorder is not None:
+                self._recorder.rebooted(self.controller, self._power.boot_s, self._power.periods_off)
         self._renew_servers()
         await self._retry_start_services({name: ports[name] for name in ports if name != "control"})
         self.control.switched_on(self.controller)
         if self._control_server is not None:
             self._control_server.follow(self.controller)
-        self.faults.controller_back(self.controller)
+        if replay is None:
+            self.faults.controller_back(self.controller)
+        self._successor = None
+
+    def _become(self, replay: Replay) -> None:
+        self._end_journal()
+        self.controller, self._recorder = replay.leave(self), replay.recorder
+        self.faults.take_over(replay.faults)
+        if self._recorder is not None:
+            self.control.on_call = self._recorder.called
 
     async def _retry_start_services(self, ports: Mapping[str, int]) -> None:
         """Keep trying while another program uses one of the ports."""
@@ -323,6 +354,18 @@ class Emulator:
             self._control_server.publish(self.controller.snapshot)
         if self._power.requested:
             self._power.start_reboot(self._reboot)
+
+
+def _executed(journal: bytes) -> Replay:
+    """Raises BadArguments, NotPossible."""
+    try:
+        replay = Replay(journal, again=MemorySink())
+        replay.run()
+    except JournalError as error:
+        raise BadArguments(str(error)) from error
+    if replay.difference is not None:
+        raise NotPossible(f"the run cannot be repeated: {replay.difference}; {replay.advice}")
+    return replay
 
 
 class PowerSwitch:

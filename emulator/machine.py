@@ -5,7 +5,7 @@ everything they may access; `emulator.controller.Controller` implements it.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -108,7 +108,9 @@ class ControllerConfig:
 
 
 class InputRecorder(Protocol):
-    """Records what enters a controller; see `emulator.journal`."""
+    """Records what enters a controller; see `emulator.journal`. periods: that are over."""
+
+    periods: int
 
     def posted(self, command: Any) -> None:
         """A command was posted."""
@@ -118,6 +120,12 @@ class InputRecorder(Protocol):
 
     def end(self, snapshot: Snapshot) -> None:
         """A control period is over."""
+
+    def rebooted(self, controller: Any, boot_s: float, periods_off: int) -> None:
+        """The controller was switched off and on; this is the new one."""
+
+    def called(self, name: str, arguments: Mapping[str, Any], call: Callable[[], Any]) -> Any:
+        """Call a verb and return its result."""
 
     @property
     def journal(self) -> bytes:

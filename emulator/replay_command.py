@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from emulator.control.timing import parse_condition
+from emulator.journal.file import MemorySink
 from emulator.journal.replay import Replay
 from emulator.logs import LogLevel, log_to_stderr
 from emulator.options import CONTROLLER_OPTIONS, RobotOptions, errors_in_one_line, with_ports
@@ -46,13 +47,13 @@ def _replay(
     log_to_stderr(log_level)
     try:
         condition = _condition(until)
-        with Replay(file) as replay:
+        with Replay(file, again=MemorySink() if go_on else None) as replay:
             began_s = time.monotonic()
             replay.run(condition)
             _report(replay, time.monotonic() - began_s)
             if go_on:
                 with errors_in_one_line():
-                    asyncio.run(serve(with_ports(replay.config, **robot), None, None, controller=replay.leave()))
+                    asyncio.run(serve(with_ports(replay.config, **robot), None, None, replay=replay))
     except ValueError as error:
         _fail(str(error), _USAGE_ERROR)
     except OSError as error:

@@ -12,8 +12,8 @@ from typing import TextIO, cast
 
 from emulator.app import Emulator
 from emulator.config import ConfigError, EmulatorConfig
-from emulator.controller import Controller
 from emulator.first_screen import first_screen, ready_line
+from emulator.journal.replay import Replay
 from emulator.logs import ERROR, OUTPUT
 from emulator.pendant_process import Pendant
 from emulator.readiness import check_ready
@@ -28,15 +28,15 @@ async def serve(
     pendant_port: int | None,
     *,
     exit_when_ready: bool = False,
-    controller: Controller | None = None,
+    replay: Replay | None = None,
 ) -> None:
     """Run the emulator until it is stopped, or until every port answers. pendant_port: None for no pendant.
 
-    controller: one to go on with. Raises ConfigError, NotReady, OSError.
+    replay: a run to go on with. Raises ConfigError, NotReady, OSError.
     """
     screen = console(cast(TextIO, OUTPUT))
     without_faults = replace(config, faults=())  # they begin once the emulator has proven to be ready
-    emulator = Emulator(without_faults, controller=controller)
+    emulator = Emulator(without_faults, replay=replay)
     async with AsyncExitStack() as running:
         running.enter_context(OUTPUT.in_background())
         running.enter_context(ERROR.in_background())

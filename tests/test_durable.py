@@ -34,13 +34,13 @@ from emulator.campaign.plan import read_plan
 from emulator.campaign.report import write_report
 from emulator.campaign.work import Result, Status
 from emulator.config import ConfigError
-from emulator.control.control import VirtualRobot
 from emulator.ctl import _show as ctl_show
 from emulator.machine import ControllerConfig
 from emulator.reports import write_crash
 from emulator.robotapi.stored import store_program
 from emulator.serve import write_ports
 from emulator.servers.http import HttpError
+from emulator.virtual import VirtualRobot
 from tests.robotapi.rig import empty_urpx
 from urproto import durable
 from urproto.controlapi import NotPossible

@@ -1,7 +1,7 @@
-"""All verbs of a robot as one Python object: `VirtualRobot` in virtual time, `LiveControl` for a robot with ports.
+"""All verbs of a robot as one Python object: `Control`, and `LiveControl` for a robot with ports.
 
 The verbs of each subject form a separate class, which is independent of the others. To add a verb, mark a method of
-such a class; to add a subject, name its class in ``SUBJECTS`` and among the bases of ``_Methods``.
+such a class; to add a subject, name its class in ``SUBJECTS`` and among the bases of ``VerbMethods``.
 """
 
 import inspect
@@ -14,14 +14,13 @@ from emulator.control.installation import InstallationVerbs
 from emulator.control.modes import ModeVerbs, SignalVerbs
 from emulator.control.programs import ProgramVerbs
 from emulator.control.state import StateVerbs
-from emulator.control.timing import ManualPace, Pace, TimeVerbs
+from emulator.control.timing import Pace, TimeVerbs
 from emulator.control.verbs import ControlledRobot, Verbs, Waiting, methods_of, verb
 from emulator.control.world import WorldVerbs
 from emulator.controller import Controller
 from emulator.faults.catalogue import kinds, make_fault
-from emulator.faults.fault import FaultError, FaultImpossibleError, publish_no_controller, rebooted
+from emulator.faults.fault import FaultError, FaultImpossibleError
 from emulator.faults.injector import FaultInjector
-from emulator.machine import ControllerConfig
 from emulator.servers.port import Port
 from urproto.controlapi import BadArguments, NotPossible
 
@@ -117,7 +116,7 @@ class PortVerbs(Verbs):
         ``ur-emulator ctl journal --file run.journal`` writes it to a file.
         """
         if not (content := self._journal()):
-            why = "it is too long, goes on from a replay, has no options to begin with, or is in the file of --journal"
+            why = "it is too long, has no options to begin with, or is in the file of --journal"
             raise NotPossible(f"the run is not in memory: {why}")
         return b64encode(content).decode()
 
@@ -133,7 +132,7 @@ class PortVerbs(Verbs):
 
 if TYPE_CHECKING:
 
-    class _Methods(
+    class VerbMethods(
         StateVerbs, SignalVerbs, ModeVerbs, WorldVerbs, InstallationVerbs, ProgramVerbs, TimeVerbs, FaultVerbs
     ):
         """What a type checker sees: each verb as a method."""
@@ -142,10 +141,10 @@ if TYPE_CHECKING:
         """The verbs of a robot with ports in addition."""
 
 else:
-    _Methods = _MethodsOfPorts = object
+    VerbMethods = _MethodsOfPorts = object
 
 
-class Control(_Methods):
+class Control(VerbMethods):
     """The verbs of a robot, each as a method. ``pace``: controls how its time advances.
 
     ``on_call``: if set, called with the name, the arguments and the call of each verb that may change the robot, to
@@ -195,68 +194,6 @@ class Control(_Methods):
         return call
 
 
-class _VirtualMachine(ControlledRobot):
-    """A controller without ports, whose time advances only while a verb waits."""
-
-    def __init__(self, config: ControllerConfig) -> None:
-        super().__init__(Controller(config))
-        self.faults = FaultInjector(self.controller, machine=self)
-        self._power_requested = True
-        self._periods_off = 0
-        self._boot_s = 0.0
-
-    def switch_off(self, *, silent: bool) -> None:
-        """Switch the controller off after this period, for a fault."""
-        self._power_requested = False
-
-    def switch_on(self, boot_s: float) -> None:
-        """Boot a new controller, whose uptime begins at 0."""
-        self._power_requested, self._boot_s = True, boot_s
-
-    def _period(self) -> None:
-        """One control period, with or without a controller."""
-        if self._periods_off:
-            self._periods_off += 1
-            self.faults.step()
-            if self._power_requested:
-                self._reboot()
-            return
-        self.controller.tick()
-        if not self._power_requested:
-            self._periods_off = 1
-            self.faults.controller_gone()
-            self.controller.programs.stop("the controller was shut down")
-            publish_no_controller(self.controller)
-
-    def _reboot(self) -> None:
-        before, periods, self._periods_off = self.controller, self._periods_off, 0
-        self.controller = rebooted(before, self._boot_s, periods * before.period_s)
-        self.controller.programs.socket_backend = before.programs.socket_backend
-        self.faults.controller_back(self.controller)
-
-    def wait(self, steps: Waiting[_T]) -> _T:
-        while True:
-            try:
-                next(steps)
-            except StopIteration as done:
-                result: _T = done.value
-                return result
-            self._period()
-
-
-class VirtualRobot(Control):
-    """A controller without ports in virtual time, which ``step``, ``run_until`` and other waiting verbs advance.
-
-    robot = VirtualRobot(ControllerConfig(model=load_model("ur3")))
-    robot.release_brakes()
-    robot.run_until("robot_mode == RUNNING")
-    """
-
-    def __init__(self, config: ControllerConfig) -> None:
-        machine = _VirtualMachine(config)
-        super().__init__(machine, ManualPace(), machine.faults)
-
-
 class ServedRobot(ControlledRobot):
     """A controller that something else drives, which continues the steps of a verb after each control period."""
 
@@ -276,8 +213,10 @@ class LiveControl(Control, _MethodsOfPorts):
         ports: Mapping[str, Port],
         faults: FaultInjector,
         journal: Callable[[], bytes] = bytes,
+        go_on_from: Callable[[bytes], Waiting[None]] | None = None,
     ) -> None:
         robot = ServedRobot(controller)
+        robot.go_on_from = go_on_from
         super().__init__(robot, pace, faults)
         self.pendant_report: Callable[[], dict[str, Any]] = dict
         self._take(PortVerbs(robot, ports, lambda: self.pendant_report(), journal))

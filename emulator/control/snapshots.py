@@ -1,8 +1,10 @@
-"""Saves the state of a robot at rest as a document of plain values, and restores it.
+"""Saves the state of a robot as a document, and restores it.
 
-A running program cannot be saved, because it is a stack of Python frames. Everything that outlives a program is saved.
+At rest, these are plain values: everything that outlives a program. A running program is a stack of Python frames, so
+the document of a robot that runs or moves is the journal of its run, which is executed again.
 """
 
+from base64 import b64encode
 from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Final
@@ -50,13 +52,16 @@ _SECTIONS: Final[dict[str, tuple[Callable[["Controller"], Any], tuple[str, ...]]
 
 
 def save_state(controller: "Controller") -> dict[str, Any]:
-    """The state as a document. Raises NotPossible while a program runs or the arm moves."""
-    _check_rest(controller)
+    """The state as a document. Raises NotPossible for a robot that neither is at rest nor has a journal."""
+    try:
+        check_rest(controller)
+    except NotPossible:
+        if controller.recorder is None or not (journal := controller.recorder.journal):
+            raise
+        return journal_document(controller, journal)
     payload = controller.installation.payload
     return {
-        "format": _FORMAT,
-        "model": controller.model.name,
-        "series": controller.version.series.value,
+        **_kind(controller),
         "q_rad": list(controller.motion.q),
         "tcp": list(controller.installation.tcp),
         "payload": {"mass_kg": payload.mass, "cog_m": list(payload.cog), "inertia_kg_m2": list(payload.inertia)},
@@ -67,16 +72,21 @@ def save_state(controller: "Controller") -> dict[str, Any]:
     }
 
 
-def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None:
-    """Restore a state. Raises NotPossible, or BadArguments for another robot's document, without changing anything."""
-    _check_rest(controller)
-    for name, own in (
-        ("format", _FORMAT),
-        ("model", controller.model.name),
-        ("series", controller.version.series.value),
-    ):
+def journal_document(controller: "Controller", journal: bytes) -> dict[str, Any]:
+    """The state at the end of a journal as a document."""
+    return {**_kind(controller), "journal": b64encode(journal).decode()}
+
+
+def check_document(controller: "Controller", document: Mapping[str, Any]) -> None:
+    """Raises BadArguments for another robot's document."""
+    for name, own in _kind(controller).items():
         if document.get(name) != own:
             raise BadArguments(f"the document's {name} is {document.get(name)!r}, that of this robot {own!r}")
+
+
+def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None:
+    """Restore a state of plain values. Raises NotPossible, or BadArguments, without changing anything."""
+    check_rest(controller)
     before = save_state(controller)
     try:
         _apply(controller, document)
@@ -85,7 +95,8 @@ def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None
         raise BadArguments(f"the document is damaged: {type(error).__name__} {error}") from error
 
 
-def _check_rest(controller: "Controller") -> None:
+def check_rest(controller: "Controller") -> None:
+    """Raises NotPossible while a program runs, the arm moves, or a stop is not released."""
     if controller.programs.state is not RuntimeState.STOPPED or controller.programs.busy:
         raise NotPossible("a program is running, whose state cannot be saved: stop it first")
     if controller.simulation.on:
@@ -96,6 +107,10 @@ def _check_rest(controller: "Controller") -> None:
         raise NotPossible(f"the arm is {controller.power.state.name}: wait until it is off, idle or running")
     if controller.safety.stopped:
         raise NotPossible(f"the safety mode is {controller.safety.mode.name}: release the stop first")
+
+
+def _kind(controller: "Controller") -> dict[str, Any]:
+    return {"format": _FORMAT, "model": controller.model.name, "series": controller.version.series.value}
 
 
 def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:

@@ -1,10 +1,11 @@
 """Verbs about the state of the robot: reading it, and setting it without a program."""
 
+from base64 import b64decode
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Final
 
-from emulator.control.snapshots import restore_state, save_state
+from emulator.control.snapshots import check_document, restore_state, save_state
 from emulator.control.verbs import Verbs, verb
 from emulator.robot.installation import Payload
 from emulator.snapshot import Snapshot, plausible
@@ -84,13 +85,26 @@ class StateVerbs(Verbs):
 
     @verb
     def save(self) -> dict[str, Any]:
-        """Return the whole state of a robot at rest as a document for ``restore``; no program may run."""
+        """Return the whole state as a document for ``restore``; while a program runs, it contains the robot's run."""
         return save_state(self.controller)
 
     @verb
     def restore(self, document: Mapping[str, Any]) -> None:
-        """Restore a state returned by ``save``. The robot must be of the same model and series, and at rest."""
-        restore_state(self.controller, document)
+        """Restore a state returned by ``save``. The robot must be of the same model and series.
+
+        It must be at rest, unless the state is one of a running program: then the saved run is executed again, which
+        takes time, and a robot with ports restarts, so that its clients have to connect anew.
+        """
+        check_document(self.controller, document)
+        if (journal := document.get("journal")) is None:
+            return restore_state(self.controller, document)
+        if self._robot.go_on_from is None:
+            raise NotPossible("this robot is a replay itself")
+        try:
+            run = b64decode(journal, validate=True)
+        except (TypeError, ValueError) as error:
+            raise BadArguments(f"the document's journal is damaged: {error}") from error
+        return self._wait(self._robot.go_on_from(run))
 
 
 def _plain(value: Any) -> Any:

@@ -22,10 +22,14 @@ _MARK: Final = "__verb__"
 
 
 class ControlledRobot(ABC):
-    """The robot that verbs act on. ``controller``: a new object after the robot was switched off and on."""
+    """The robot that verbs act on. ``controller``: a new object after the robot was switched off and on.
+
+    ``go_on_from``: if set, replaces the robot by the one at the end of a journal.
+    """
 
     def __init__(self, controller: "Controller") -> None:
         self.controller = controller
+        self.go_on_from: Callable[[bytes], Waiting[None]] | None = None
 
     @abstractmethod
     def wait(self, steps: "Waiting[_T]") -> _T:

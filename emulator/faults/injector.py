@@ -100,6 +100,16 @@ class FaultInjector:
         """Count a fault that is not injected here, so that later ones have their numbers."""
         self._number += 1
 
+    def take_over(self, others: "FaultInjector") -> None:
+        """Go on with the faults of another injector, and with its controller, in place of these."""
+        self.clear_all()
+        others._unhook()
+        site, mine = others.site, self.site
+        site.servers, site.rate, site.machine = mine.servers, mine.rate, mine.machine
+        self.site, self._now, self._number, self._up = site, others._now, others._number, others._up
+        self._present, self._over = others._present, others._over
+        self._tidy()
+
     def clear(self, number: int) -> bool:
         """End a fault, or cancel one that waits; False if it is over, or never existed."""
         found = [entry for entry in self._present if entry.number == number]

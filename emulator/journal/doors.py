@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from emulator.devices.tool_line import SerialDevice, SerialSettings
-from emulator.services.modbus import ModbusBackend, ModbusExchange, ModbusUnit
+from emulator.services.modbus import DISCONNECTED, ModbusBackend, ModbusExchange, ModbusUnit
 from emulator.services.sockets import ScriptSocket, ScriptSocketBackend, SocketState
 from urproto.modbus import ModbusRequest
 
@@ -34,16 +34,16 @@ Write = Callable[..., None]
 class RecordedSockets:
     """Opens sockets of programs with another backend, and records what they receive."""
 
-    def __init__(self, backend: ScriptSocketBackend, write: Write) -> None:
+    def __init__(self, backend: ScriptSocketBackend, write: Write, opened: int = 0) -> None:
+        self.count = opened  # so far in the run, also with another backend
         self._backend = backend
         self._write = write
         self._opened: list[_RecordedSocket] = []
-        self._count = 0
 
     def open(self, address: str, port: int) -> ScriptSocket:
-        opened = _RecordedSocket(self._backend.open(address, port), self._count, self._write)
-        self._write("socket", self._count, opened.state, opened.failure, b"")
-        self._count += 1
+        opened = _RecordedSocket(self._backend.open(address, port), self.count, self._write)
+        self._write("socket", self.count, opened.state, opened.failure, b"")
+        self.count += 1
         self._opened.append(opened)
         return opened
 
@@ -149,16 +149,16 @@ class _ReplayedSocket:
 class RecordedModbus:
     """Sends requests with another backend, and records their outcomes."""
 
-    def __init__(self, backend: ModbusBackend, write: Write) -> None:
+    def __init__(self, backend: ModbusBackend, write: Write, requested: int = 0) -> None:
+        self.count = requested  # so far in the run
         self._backend = backend
         self._write = write
         self._waiting: list[tuple[int, ModbusExchange]] = []
-        self._count = 0
 
     def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         exchange = self._backend.request(unit, request, sequential=sequential)
-        self._waiting.append((self._count, exchange))
-        self._count += 1
+        self._waiting.append((self.count, exchange))
+        self.count += 1
         if exchange.done:
             self.look()
         return exchange
@@ -204,6 +204,12 @@ class ReplayedModbus:
             return
         exchange = self._exchanges.pop(number)
         exchange.complete(values, device_error=device_error, connection_error=connection_error)
+
+    def close_all(self) -> None:
+        """No request is answered any more."""
+        for exchange in self._exchanges.values():
+            exchange.complete(connection_error=DISCONNECTED)
+        self._exchanges.clear()
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None: ...
 

@@ -133,17 +133,29 @@ def _program_files(folder: Path) -> list[Path]:
 
 
 class Recorder:
-    """Records one run, also across restarts of its controller. periods: that are over. memory: where it is kept."""
+    """Records one run, also across restarts of its controller.
 
-    def __init__(self, writer: JournalWriter, header: Mapping[str, Any], memory: MemorySink | None = None) -> None:
+    periods: that are over. memory: where it is kept. checked: whether it has what a replay is compared with.
+    """
+
+    def __init__(
+        self,
+        writer: JournalWriter,
+        header: Mapping[str, Any],
+        memory: MemorySink | None = None,
+        *,
+        checked: bool = True,
+    ) -> None:
         self.periods = 0
         self._writer = writer
         self._memory = memory
+        self._checked = checked
         self._numbers = Numbers()
         self._ticking = False
         self._late: list[Record] = []  # of commands posted during a period, which apply to the next one
         self._sums = Checksums()
         self._checksums = array("L")
+        self._last: Snapshot | None = None  # of the last period
         self._second = 0
         self._verbs = 0
         self._sockets: RecordedSockets | None = None
@@ -165,13 +177,16 @@ class Recorder:
         """Continue with the controller after a restart."""
         self._write("reboot", boot_s, periods_off)
         self.periods += periods_off
+        self._last = None
         self.attach(controller)
 
     def wrap_backends(self, controller: Controller) -> None:
         """Record what its programs and its tool receive; call it when their connections are there."""
-        programs = controller.programs
-        programs.socket_backend = self._sockets = RecordedSockets(programs.socket_backend, self._write)
-        programs.modbus.backend = self._modbus = RecordedModbus(programs.modbus.backend, self._write)
+        self._look_outside()  # for the last time through the wrappers that are there
+        programs, sockets, modbus = controller.programs, self._sockets, self._modbus
+        opened, requested = sockets.count if sockets else 0, modbus.count if modbus else 0
+        programs.socket_backend = self._sockets = RecordedSockets(programs.socket_backend, self._write, opened)
+        programs.modbus.backend = self._modbus = RecordedModbus(programs.modbus.backend, self._write, requested)
         if (device := controller.tool_line.device) is not None:
             controller.tool_line.device = RecordedDevice(device, self._write)
 
@@ -180,7 +195,7 @@ class Recorder:
         """The run so far, if it is kept in memory; empty if not, or if it is too long."""
         if self._memory is None:
             return b""
-        self._end_second(None)
+        self._end_second(None if self._ticking else self._last)
         if self._ticking:  # it failed: the replay is to get as far
             self._writer.add([self.periods + 1, "failed"])
         self._attempt(self._writer.drain)
@@ -247,24 +262,29 @@ class Recorder:
 
     def begin(self) -> None:
         """A control period begins."""
-        if self._sockets is not None:
-            self._sockets.look()
-        if self._modbus is not None:
-            self._modbus.look()
+        self._look_outside()
         self._ticking = True
 
     def end(self, snapshot: Snapshot) -> None:
         """A control period is over."""
-        self._ticking = False
+        self._ticking, self._last = False, snapshot
         self.periods += 1
         if self._sockets is not None:
             self._sockets.rest()
         for record in self._late:
             self._add(record)
         self._late.clear()
+        if not self._checked:
+            return
         self._checksums.append(self._sums.of(snapshot))
         if self.periods % self._second == 0:
             self._end_second(snapshot)
+
+    def _look_outside(self) -> None:
+        if self._sockets is not None:
+            self._sockets.look()
+        if self._modbus is not None:
+            self._modbus.look()
 
     def _end_second(self, snapshot: Snapshot | None) -> None:
         values = None if snapshot is None else plain_values(snapshot)
@@ -292,11 +312,14 @@ class Recorder:
             _logger.log(level, "the journal ends here: %s", error.strerror or error)
 
 
-def record(control: Control, sink: Sink) -> Recorder:
-    """Record a robot whose time has not begun, from its first period on. Raises OSError."""
+def record(control: Control, sink: Sink, *, header: Mapping[str, Any] | None = None, checked: bool = True) -> Recorder:
+    """Record a robot whose time has not begun, from its first period on. Raises OSError.
+
+    header: of the run that is executed again; of the robot's configuration by default.
+    """
     controller = control.controller
     memory = sink if isinstance(sink, MemorySink) else None
-    recorder = Recorder(JournalWriter(sink), header_of(controller.config), memory)
+    recorder = Recorder(JournalWriter(sink), header or header_of(controller.config), memory, checked=checked)
     recorder.attach(controller)
     recorder.wrap_backends(controller)
     control.on_call = recorder.called

@@ -4,8 +4,10 @@ import json
 import platform
 import struct
 import tempfile
+import weakref
 from base64 import b64decode
 from collections.abc import Callable, Generator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -17,8 +19,8 @@ from emulator.controller import Controller
 from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.doors import ReplayedDevice, ReplayedModbus, ReplayedSockets, plain_values
-from emulator.journal.file import FORMAT, JournalError, Record, read_journal
-from emulator.journal.recorder import Checksums, product_version
+from emulator.journal.file import FORMAT, JournalError, Record, Sink, read_journal
+from emulator.journal.recorder import Checksums, Recorder, product_version, record
 from emulator.journal.values import JournalValueError, Numbers, decode
 from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
@@ -48,10 +50,11 @@ class Difference:
 class Replay:
     """A run that is executed again; use it with ``with``. controller: as it is now. header: what the run was made from.
 
-    Raises JournalError for a journal that cannot be replayed, and whatever `read_journal` raises.
+    again: records the new run while it is executed, with what its own replays are compared with if it is ``checked``,
+    so that it can go on. Raises JournalError for a journal that cannot be replayed, and whatever `read_journal` raises.
     """
 
-    def __init__(self, source: Path | bytes) -> None:
+    def __init__(self, source: Path | bytes, *, again: Sink | None = None, checked: bool = True) -> None:
         self._records = read_journal(source)
         first = next(self._records, None)
         if first is None or first[1] != "run" or first[2].get("format") != FORMAT:
@@ -59,12 +62,10 @@ class Replay:
         self.header: dict[str, Any] = first[2]
         if self.header["problem"]:
             raise JournalError(f"the run cannot be replayed: {self.header['problem']}")
-        self._folder = tempfile.TemporaryDirectory(prefix="ur-emulator-replay-")
-        try:
-            self.config = self._config()
-        except BaseException:
-            self._folder.cleanup()
-            raise
+        with ExitStack() as kept:
+            folder = kept.enter_context(tempfile.TemporaryDirectory(prefix="ur-emulator-replay-"))
+            self.config = self._config(Path(folder))
+            self._kept = kept.pop_all()
         self.periods = 0
         self.difference: Difference | None = None
         self.checked = 0  # periods that were compared with the recorded ones
@@ -77,37 +78,51 @@ class Replay:
         self._device = ReplayedDevice(lambda: self.periods)
         self.controller = Controller(self.config)
         self._robot = ServedRobot(self.controller)
-        self._faults = FaultInjector(self.controller, machine=_NoPower())
-        self._control = Control(self._robot, ManualPace(), self._faults)
+        self.faults = FaultInjector(self.controller, machine=_NoPower())
+        self._control = Control(self._robot, ManualPace(), self.faults)
         self._connect()
+        self.recorder: Recorder | None = None
+        if again is not None:
+            self.recorder = record(self._control, again, header=self.header, checked=checked)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         """Remove the files of the run."""
-        self._folder.cleanup()
+        self._kept.close()
 
     def run(self, until: Callable[[Snapshot], bool] | None = None) -> None:
-        """Execute the run to its end, to its first difference, or until a condition is true after a period."""
-        for record in self._records:
-            while self.periods < record[0]:
+        """Execute the run to its end, to its first difference, or until a condition is true after a period.
+
+        Raises JournalError for a record that cannot be executed.
+        """
+        for entry in self._records:
+            while self.periods < entry[0]:
                 self._tick()
                 if until is not None and until(self.controller.snapshot):
                     return
-            self._apply(record)
+            self._apply(entry)
             if self.difference is not None:
                 return
 
-    def leave(self) -> Controller:
-        """The controller as it is now, to go on with: sockets of its programs are closed."""
+    def leave(self, owner: object) -> Controller:
+        """The controller as it is now, to go on with: the connections of its programs are closed.
+
+        Its files stay as long as the owner, also after this context.
+        """
         self._sockets.close_all()
+        self._modbus.close_all()
+        for steps in self._steps.values():
+            steps.close()
+        self._steps.clear()
+        weakref.finalize(owner, self._kept.close)
+        self._kept = ExitStack()
         return self.controller
 
     # the run's beginning
 
-    def _config(self) -> ControllerConfig:
-        root = Path(self._folder.name)
+    def _config(self, root: Path) -> ControllerConfig:
         for option, files in self.header["files"].items():
             for name, content in files.items():
                 self._write_file(root / option, name, b64decode(content))
@@ -151,8 +166,8 @@ class Replay:
         except (StopIteration, BadArguments, NotPossible):
             del self._steps[number]
 
-    def _apply(self, record: Record) -> None:
-        _, kind, *content = record
+    def _apply(self, entry: Record) -> None:
+        _, kind, *content = entry
         apply = getattr(self, f"_apply_{kind}", None)
         if apply is None:
             raise JournalError(f"the journal has records of an unknown kind, {kind!r}")
@@ -171,7 +186,7 @@ class Replay:
             result = getattr(self._control, name)(**given)
         except NotPossible:
             if name == "inject_fault":
-                self._faults.skip()  # of ports: what it did to messages is in the journal
+                self.faults.skip()  # of ports: what it did to messages is in the journal
             return
         except BadArguments:
             return
@@ -203,13 +218,16 @@ class Replay:
 
     def _apply_reboot(self, boot_s: float, periods_off: int) -> None:
         self.controller.programs.stop("the controller was off")
-        self._faults.controller_gone()
+        self.faults.controller_gone()
         for _ in range(periods_off):
-            self._faults.step()
+            self.faults.step()
         self.controller = rebooted(self.controller, boot_s, periods_off * self.controller.period_s)
         self._robot.controller = self.controller
         self._connect()
-        self._faults.controller_back(self.controller)
+        if self.recorder is not None:
+            self.recorder.rebooted(self.controller, boot_s, periods_off)
+            self.recorder.wrap_backends(self.controller)
+        self.faults.controller_back(self.controller)
         self.periods += periods_off
 
     def _apply_state(self, sums: str, values: dict[str, Any] | None) -> None:

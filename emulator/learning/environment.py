@@ -13,6 +13,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from emulator.control.snapshots import check_rest
 from emulator.physics import open_cameras
 from emulator.virtual import virtual_robot
 from urproto.controlapi import BadArguments, NotPossible
@@ -20,9 +21,9 @@ from urproto.modes import RuntimeState, SafetyMode
 from urproto.vectors import all_finite
 
 if TYPE_CHECKING:
-    from emulator.control.control import VirtualRobot
     from emulator.physics.cameras import Cameras
     from emulator.snapshot import Snapshot
+    from emulator.virtual import VirtualRobot
     from emulator.world.world import World
 
 Observation = TypeVar("Observation")
@@ -73,7 +74,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         self.render_mode = render_mode
         self._camera = camera
         self._cameras: Cameras | None = None
-        self._options = {"world": self.world, "physics": True, "running": True, **options}
+        self._options = {"world": self.world, "physics": True, "running": True, "recorded": False, **options}
         self._model = model
         self.robot: VirtualRobot = virtual_robot(model, **self._options)
         period_s = self.robot.controller.period_s
@@ -211,7 +212,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         for _ in range(round(_STOPPING_S / controller.period_s)):
             self.robot.step(1)
             try:
-                self.robot.save()
+                check_rest(controller)
                 return True
             except NotPossible:
                 continue

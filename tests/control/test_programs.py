@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 

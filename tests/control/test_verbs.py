@@ -11,10 +11,11 @@ import msgspec
 import pytest
 
 from emulator.control import control
-from emulator.control.control import Control, LiveControl, PortVerbs, VirtualRobot
+from emulator.control.control import Control, LiveControl, PortVerbs
 from emulator.control.verbs import verbs_of
 from emulator.machine import ControllerConfig
 from emulator.servers.admission import Reason, RejectedClients
+from emulator.virtual import VirtualRobot
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion

@@ -6,11 +6,11 @@ from functools import partial
 import pytest
 
 from emulator.commands.requests import MountPayload
-from emulator.control.control import VirtualRobot
 from emulator.control.verbs import verbs_of
 from emulator.machine import ControllerConfig
 from emulator.robot.installation import Payload
 from emulator.safety.files import load_safety_file
+from emulator.virtual import VirtualRobot
 from emulator.world.file import read_world
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.primary.messages import TextMessage

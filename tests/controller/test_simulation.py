@@ -2,9 +2,9 @@
 
 import pytest
 
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
 from emulator.servers.primary_state import robot_state
+from emulator.virtual import VirtualRobot
 from emulator.world.file import WorldPlan
 from emulator.world.shapes import Box, WorldObject
 from tests.controller.test_safety_limits import SERVO, STRETCHED, safe

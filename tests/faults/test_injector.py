@@ -8,11 +8,11 @@ from fault_rig import Robot
 
 from emulator.clock import RealClock
 from emulator.config import ConfigError, read_faults
-from emulator.control.control import VirtualRobot
 from emulator.faults.catalogue import kinds, make_fault, parse_fault
 from emulator.faults.fault import KINDS, FaultError
 from emulator.faults.network import DropConnection
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import START_Q, load_model
 

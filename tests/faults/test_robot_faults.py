@@ -10,8 +10,8 @@ from fault_rig import Client, Robot
 from emulator.app import Emulator
 from emulator.clock import RealClock
 from emulator.config import EmulatorConfig
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.compat_asyncio import timeout
 from urproto.controlapi import NotPossible
 from urproto.robots import load_model

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from client.recording import Recording
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
 from urproto.rtde.fields import OUTPUT_FIELDS

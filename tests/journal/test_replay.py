@@ -136,7 +136,7 @@ def test_until_a_moment_and_on_from_there():
         assert again.controller.snapshot.runtime_state is RuntimeState.PLAYING
         early = again.periods
         assert early < 900
-        controller = again.leave()
+        controller = again.leave(run)
         before = controller.snapshot.target_q
         for _ in range(300):
             controller.tick()
@@ -263,15 +263,17 @@ async def test_the_ports_open_where_a_replay_ends():
     run = Recorded()
     run.robot.send_script(MOVE)
     run.robot.step(1500)
-    with run.replay() as again:
+    with Replay(run.journal, again=MemorySink()) as again:
         again.run(parse_condition("timestamp >= 43"))
         clock = StepClock()
         config = replace(configure(model="ur5e", ephemeral_ports=True), controller=again.config)
-        async with Emulator(config, clock, again.leave()) as emulator:
+        async with Emulator(config, clock, again) as emulator:
             assert emulator.ports["rtde"]
             assert emulator.control.state()["runtime_state"] == "PLAYING"
             before = emulator.controller.snapshot.target_q
             clock.step(100)
             assert emulator.controller.snapshot.target_q != before
-            with pytest.raises(NotPossible, match="goes on from a replay"):
-                emulator.control.journal()
+            journal = b64decode(emulator.control.journal())
+        with Replay(journal) as further:
+            further.run()
+            assert (further.difference, further.periods) == (None, again.periods + 100)

@@ -13,6 +13,7 @@ import gymnasium
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordEpisodeStatistics
 
+from emulator.journal.doors import plain_values
 from emulator.learning import PickAndPlaceEnv, RobotEnv, TaskError
 from emulator.learning.pick_and_place import HIGH, LOW
 from urproto.controlapi import NotPossible

@@ -9,8 +9,8 @@ import pytest
 from client.pendant import program_playback as playback
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion

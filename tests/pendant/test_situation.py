@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from client.pendant.situation import STAGES, Action, NotPermittedError, RobotStatus, Situation, situation
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots import load_model
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.robots import load_model
 from urscript import compiler
 

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from client.commands.installation import installation_app
 from client.errors import URError
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.robots import load_model
 from urscript.polyscope.document import unpacked
 from urscript.polyscope.installation_file import load_installation_file

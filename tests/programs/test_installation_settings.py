@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from tree_rig import Arm, main, textmsg
 
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.controlapi import BadArguments
 from urproto.robots import load_model
 from urproto.signals import STANDARD

@@ -7,9 +7,9 @@ from math import isfinite, pi, radians
 
 import pytest
 
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
 from emulator.safety.files import load_safety_file
+from emulator.virtual import VirtualRobot
 from urproto.controlapi import BadArguments
 from urproto.robots import MODELS, load_model
 from urproto.versions import DEFAULT_VERSION

@@ -27,9 +27,9 @@ from typing import Any
 import pytest
 import yaml
 
-from emulator.control.control import VirtualRobot
 from emulator.devices.gripper_requests import GripperSession
 from emulator.servers.primary_state import robot_state
+from emulator.virtual import VirtualRobot
 from urproto.robotiq import RequestDecoder
 from urproto.testing import virtual_robot
 

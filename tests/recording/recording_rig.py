@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from client.recording import DEFAULT_FIELDS, Recorder, Recording
-from emulator.control.control import VirtualRobot
 from emulator.machine import ControllerConfig
+from emulator.virtual import VirtualRobot
 from urproto.joints import JOINT_NAMES
 from urproto.robots import load_model
 from urproto.rtde.fields import OUTPUT_FIELDS

@@ -12,7 +12,6 @@ import pytest
 
 from emulator.commands.dashboard import COMMANDS
 from emulator.commands.requests import DashboardLine
-from emulator.control.control import VirtualRobot
 from emulator.control.verbs import verbs_of
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
@@ -21,6 +20,7 @@ from emulator.programs.compiling import CompiledTexts
 from emulator.programs.loading import load_steps
 from emulator.robotapi.endpoints import OPERATIONS, Upload
 from emulator.robotapi.server import RobotApiCall
+from emulator.virtual import VirtualRobot
 from emulator.workshare import WORK_PER_SECOND, Job, WorkShare
 from tests.budget import examples
 from urproto.controlapi import BadArguments, NotPossible

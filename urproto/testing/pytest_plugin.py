@@ -15,7 +15,7 @@ import pytest
 if TYPE_CHECKING:
     import asyncio
 
-    from emulator.control.control import VirtualRobot
+    from emulator.virtual import VirtualRobot
     from urproto.testing.leaks import Resources
     from urproto.testing.process import EmulatorProcess
 
@@ -112,8 +112,8 @@ def ur_robot(
     from emulator.journal.file import MemorySink  # now that the package is known to be this one
     from emulator.journal.recorder import record
 
-    recorder = record(robot, MemorySink())
-    request.node.stash[_journals] = tmp_path_factory.getbasetemp(), {"ur_robot": lambda: recorder.journal}
+    record(robot, MemorySink())  # with what a replay is compared with
+    request.node.stash[_journals] = tmp_path_factory.getbasetemp(), {"ur_robot": lambda: robot.journal}
     began_s = robot.controller.time_s
     yield robot
     request.node.user_properties.append(("ur_robot_s", robot.controller.time_s - began_s))
