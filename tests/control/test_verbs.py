@@ -249,7 +249,7 @@ def test_type_checkers_see_all_subjects() -> None:
         for node in ast.walk(ast.parse(inspect.getsource(control)))
         if isinstance(node, ast.ClassDef)
     }
-    assert seen["_Methods"] == {subject.__name__ for subject in Control.SUBJECTS}
+    assert seen["VerbMethods"] == {subject.__name__ for subject in Control.SUBJECTS}
     with_ports = set(LiveControl.SUBJECTS) - set(Control.SUBJECTS)
     assert seen["_MethodsOfPorts"] == {subject.__name__ for subject in with_ports}
 

@@ -1,5 +1,11 @@
 """The same seed and the same inputs give the same run, whatever else has happened in the process."""
 
+import ast
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
 import pytest
 
 from emulator.machine import ControllerConfig
@@ -49,3 +55,55 @@ def test_a_robot_compiles_a_text_once():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_seed_decides(seed):
     assert started_at(robot())[1] != started_at(robot(seed=seed))[1] == started_at(robot(seed=seed))[1]
+
+
+THREADS = """def threads():
+  thread measure():
+    while True:
+      write_output_float_register(1, norm(get_tcp_force()) + random())
+      sync()
+    end
+  end
+  run measure()
+  force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, -5, 0, 0, 0], 2, [0.1, 0.1, 0.1, 1, 1, 1])
+  sleep(0.5)
+  end_force_mode()
+  movej([random(), -1.4, 1.5, -1.7, -1.5, 0])
+  textmsg("at ", get_actual_tcp_pose())
+end
+"""
+PROGRAMS = {
+    "pick and place": (Path(__file__).parents[2] / "examples" / "pick_and_place.script").read_text(),
+    "threads": THREADS,
+}
+RUN = """
+from emulator.journal.recorder import Checksums
+from emulator.virtual import virtual_robot
+
+def run(text, arm):
+    robot = virtual_robot("ur5e", running=True, arm=arm)
+    seen, sums = [], Checksums()
+    robot.controller.subscribe(lambda snapshot: seen.append(sums.of(snapshot)))
+    robot.send_script(text)
+    for period in range(800):
+        robot.set_digital_input(0, period % 300 > 150)
+        robot.step(1)
+    return seen, robot.log(50), robot.state()
+"""
+
+
+@pytest.mark.parametrize(("name", "arm"), [("pick and place", "dynamic"), ("threads", "ideal")])
+def test_a_program_runs_the_same_twice_in_a_process_and_alone(name, arm):
+    here: dict[str, Any] = {}
+    exec(RUN, here)
+    text = PROGRAMS[name]
+    first, second = (here["run"](text, arm) for _ in range(2))
+    alone = subprocess.run(
+        [sys.executable, "-c", f"{RUN}\nprint(repr(run({text!r}, {arm!r})))"],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert first == second == ast.literal_eval(alone.stdout)
+    assert first[1]
