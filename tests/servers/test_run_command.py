@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from emulator import script_cli as cli
-from emulator.script_peers import PeersError, read_peers
+from emulator.peers.file import read_peers
+from emulator.peers.log import PeersError
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
 
