@@ -1,13 +1,14 @@
-"""The command ``urscript``: check scripts, list built-ins, run files of programs on an emulated arm.
+"""The command ``urscript``: check scripts, list built-ins, run and test files of programs on an emulated arm.
 
 Running loads the whole emulator, so each command imports what it needs.
 """
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as distribution_version
+from pathlib import Path
 from typing import Final
 
 from emulator.script_options import add_controller_options, add_run_options
@@ -30,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_parser() -> ArgumentParser:
     """The parser of the whole command line."""
-    parser = ArgumentParser(prog="urscript", description="Check and run URScript programs.")
+    parser = ArgumentParser(prog="urscript", description="Check, run and test URScript programs.")
     parser.add_argument("--version", action="version", version=f"urscript {_version()}")
     commands = parser.add_subparsers(dest="command", required=True)
     for name, (text, add_arguments, run) in _COMMANDS.items():
@@ -127,9 +128,51 @@ def _run(options: Namespace) -> int:
     return script_run.run(options)
 
 
+# test
+
+
+def _test_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("paths", nargs="*", type=Path, default=[Path()], metavar="PATH", help="test files and folders")
+    add_controller_options(parser)
+    parser.add_argument("-k", dest="keyword", default="", metavar="TEXT", help="only tests whose name contains it")
+    parser.add_argument(
+        "-n",
+        dest="processes",
+        type=_processes,
+        default=1,
+        metavar="N|auto",
+        help="number of processes (default 1)",
+    )
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="write the results as JUnit XML")
+    parser.add_argument("--coverage", action="store_true", help="show which lines and branches were executed")
+    parser.add_argument("--lcov", type=Path, metavar="FILE", help="write that as an lcov trace file, too")
+    parser.add_argument(
+        "--profile",
+        type=Path,
+        metavar="FILE",
+        help="write robot time by line for speedscope.app, and show the most",
+    )
+
+
+def _processes(text: str) -> int:
+    """A number of processes; 0 is one per processor."""
+    if text == "auto":
+        return 0
+    if not text.isdecimal() or int(text) < 1:
+        raise ArgumentTypeError(f"{text!r} is neither a number of processes nor auto")
+    return int(text)
+
+
+def _test(options: Namespace) -> int:
+    from emulator.scripttest import command  # see `_run`
+
+    return command.run(options)
+
+
 _COMMANDS: Final[dict[str, tuple[str, Callable[[ArgumentParser], None], Callable[[Namespace], int]]]] = {
     "check": ("check script files and report all errors and warnings", _check_arguments, _check),
     "functions": ("list the built-in functions of a PolyScope version", add_controller_options, _functions),
     "run": ("run a file of URScript programs on an emulated arm, in virtual time", add_run_options, _run),
+    "test": ("run tests that are written in URScript, in virtual time", _test_arguments, _test),
 }
 """Each command: its help, what adds its arguments, and what runs it and returns the exit status."""

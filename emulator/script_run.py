@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 Setter: TypeAlias = Callable[[Controller, int, float], Any]
 
 _NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")
-_INPUTS: Final[Mapping[str, tuple[int, Setter]]] = {
+_INPUTS: Final[dict[str, tuple[int, Setter]]] = {
     "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value))),
     "configurable": (8, lambda c, n, value: c.signals.set_digital_input(CONFIGURABLE, n, bool(value))),
     "tool": (2, lambda c, n, value: c.signals.set_digital_input(TOOL, n, bool(value))),
     "analog": (2, lambda c, n, value: c.signals.analog_inputs.__setitem__(n, value)),
     "tool-analog": (2, lambda c, n, value: c.signals.tool_analog_inputs.__setitem__(n, value)),
 }
-_REGISTERS: Final[Mapping[str, tuple[int, Setter]]] = {
+_REGISTERS: Final[dict[str, tuple[int, Setter]]] = {
     "bool": (128, lambda c, n, value: c.registers.input.set_bit(n, bool(value))),
     "int": (48, lambda c, n, value: c.registers.input.set_int(n, int(value))),
     "float": (48, lambda c, n, value: c.registers.input.set_double(n, value)),
@@ -115,8 +115,8 @@ class Setup:
             world=options.world,
             initial_q=None if options.joints is None else _joints(options.joints, model),
         )
-        stimuli = [_stimulus(text, _INPUTS) for text in options.input]
-        stimuli += [_stimulus(text, _REGISTERS) for text in options.register]
+        stimuli = [stimulus(text, _INPUTS) for text in options.input]
+        stimuli += [stimulus(text, _REGISTERS) for text in options.register]
         if peers is None:
             peers = Peers({}, {}) if options.peers is None else read_peers(options.peers)
         controller = Controller(config)
@@ -170,8 +170,8 @@ def _injected(options: Namespace, controller: Controller) -> "FaultInjector | No
     return injector
 
 
-def _stimulus(text: str, known: Mapping[str, tuple[int, Setter]]) -> Stimulus:
-    """An input or register from the command line as a stimulus. Raises ValueError."""
+def stimulus(text: str, known: Mapping[str, tuple[int, Setter]] = _INPUTS | _REGISTERS) -> Stimulus:
+    """An input or register, as on the command line, as a stimulus. Raises ValueError."""
     match = _NUMBERED.fullmatch(text)
     if match is None:
         raise ValueError(f"{text!r} is not of the form NAME=VALUE or NAME=VALUE@SECONDS")

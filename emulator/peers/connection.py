@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from emulator.controller import Controller
 from emulator.peers.answers import Answerer, Reply
 from emulator.peers.log import PeerLog
 from emulator.peers.modbus import PeerModbus, UnitPeer
-from emulator.services.sockets import MemorySocket, ScriptSocket, ScriptSocketBackend, SocketState
+from emulator.services.sockets import MemorySocket, NoNetwork, ScriptSocket, ScriptSocketBackend, SocketState
 
 ANY = "*"
 
@@ -38,6 +38,7 @@ class Peers:
 
     sockets: Mapping[tuple[str, int], SocketPeer]
     units: Mapping[str, UnitPeer]
+    _network: ScriptSocketBackend = field(default_factory=NoNetwork)
 
     @property
     def logs(self) -> list[PeerLog]:

@@ -3,9 +3,10 @@
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
@@ -47,38 +48,45 @@ def read_peers(path: Path) -> Peers:
 def parse_peers(content: Any, where: str, folder: Path) -> Peers:
     """The peers that data describes. where: for messages. folder: of the Python files it names. Raises PeersError."""
     whole = _fields(content, where, ("sockets", "xmlrpc", "modbus"))
+    python = _Python(folder)
     sockets, units = {}, {}
     for name, entry in _mapping(whole.get("sockets", {}), f"{where}: sockets").items():
-        sockets[_address(str(name), where)] = _socket_peer(str(name), entry, f"{where}: {name}", folder)
+        sockets[_address(str(name), where)] = _socket_peer(str(name), entry, f"{where}: {name}", python)
     for url, entry in _mapping(whole.get("xmlrpc", {}), f"{where}: xmlrpc").items():
-        sockets[_url(str(url), where)] = _xmlrpc_peer(str(url), entry, f"{where}: {url}", folder)
+        sockets[_url(str(url), where)] = _xmlrpc_peer(str(url), entry, f"{where}: {url}", python)
     for host, entry in _mapping(whole.get("modbus", {}), f"{where}: modbus").items():
-        units[str(host)] = _unit(str(host), entry, f"{where}: {host}", folder)
+        units[str(host)] = _unit(str(host), entry, f"{where}: {host}", python)
     return Peers(sockets, units)
 
 
-def python_object(text: str, where: str, folder: Path) -> Any:
-    """The object ``file.py:name``; a class is called without arguments. Raises PeersError."""
-    found = _PYTHON.fullmatch(text)
-    if found is None:
-        raise PeersError(f"{where}: {text!r} is not of the form file.py:name")
-    path = folder / found[1]
-    try:
-        spec = spec_from_file_location(path.stem, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = module_from_spec(spec)
-        spec.loader.exec_module(module)
-        named = getattr(module, found[2])
-        return named() if isinstance(named, type) else named
-    except Exception as error:
-        raise PeersError(f"{where}: {text}: {type(error).__name__}: {error}") from error
+@dataclass
+class _Python:
+    """The Python files in a folder, each executed once for all peers of a run."""
+
+    folder: Path
+    modules: dict[str, ModuleType] = field(default_factory=dict)
+
+    def object(self, text: str, where: str) -> Any:
+        """The object ``file.py:name``; a class is called without arguments. Raises PeersError."""
+        found = _PYTHON.fullmatch(text)
+        if found is None:
+            raise PeersError(f"{where}: {text!r} is not of the form file.py:name")
+        try:
+            if found[1] not in self.modules:
+                path = self.folder / found[1]
+                self.modules[found[1]] = module = ModuleType(path.stem)
+                module.__file__ = str(path)
+                exec(compile(path.read_bytes(), path, "exec"), module.__dict__)
+            named = getattr(self.modules[found[1]], found[2])
+            return named() if isinstance(named, type) else named
+        except Exception as error:
+            raise PeersError(f"{where}: {text}: {type(error).__name__}: {error}") from error
 
 
 # sockets
 
 
-def _socket_peer(name: str, entry: Any, where: str, folder: Path) -> SocketPeer:
+def _socket_peer(name: str, entry: Any, where: str, python: _Python) -> SocketPeer:
     fields = _fields(entry, where, _SOCKET)
     code = TextCode(bool(fields.get("binary", False)))
     log = _log(name, fields, where)
@@ -86,17 +94,17 @@ def _socket_peer(name: str, entry: Any, where: str, folder: Path) -> SocketPeer:
     announcements = [_announcement(one, code, state, where) for one in _list(fields.get("sends", []))]
     if "greeting" in fields:
         announcements.insert(0, Announcement(_template(fields["greeting"], where).fill(dict(state), code)))
-    answerer = _answerer(fields, log, code, state, where, folder)
+    answerer = _answerer(fields, log, code, state, where, python)
     return SocketPeer(log, answerer, announcements, _seconds(fields, "delay", where), _refusals(fields, where))
 
 
 def _answerer(
-    fields: Mapping[str, Any], log: PeerLog, code: TextCode, state: dict[str, str], where: str, folder: Path
+    fields: Mapping[str, Any], log: PeerLog, code: TextCode, state: dict[str, str], where: str, python: _Python
 ) -> Answerer:
     cutter = _cutter(fields, code, where)
     answers = fields.get("answers", {})
     if isinstance(answers, str):
-        return Computed(log, code, cutter, _function(python_object(answers, where, folder), where))
+        return Computed(log, code, cutter, _function(python.object(answers, where), where))
     rows, known = [], set(state)
     for key, value in _mapping(answers, f"{where}: answers").items():
         pattern = Pattern.parse(str(key))
@@ -169,12 +177,12 @@ def _template(value: Any, where: str) -> ReplyTemplate:
 # XML-RPC and Modbus
 
 
-def _xmlrpc_peer(name: str, entry: Any, where: str, folder: Path) -> SocketPeer:
+def _xmlrpc_peer(name: str, entry: Any, where: str, python: _Python) -> SocketPeer:
     fields = entry if isinstance(entry, Mapping) and "methods" in entry else {"methods": entry}
     fields = _fields(fields, where, ("methods", *_COMMON))
     methods = fields["methods"]
     if isinstance(methods, str):
-        methods = python_object(methods, where, folder)
+        methods = python.object(methods, where)
     else:
         methods = {str(key): _method(value) for key, value in _mapping(methods, where).items()}
     log = _log(name, fields, where)
@@ -196,16 +204,23 @@ def _method(value: Any) -> Method:
     return call
 
 
-def _unit(name: str, entry: Any, where: str, folder: Path) -> UnitPeer:
-    fields = _fields(entry, where, ("coils", "registers", "exception", "refuse", "expect"))
-    coils, registers = (_values(fields.get(key, {}), f"{where}: {key}", folder) for key in ("coils", "registers"))
-    exception = _whole(fields.get("exception", 0), f"{where}: exception")
-    return UnitPeer(_log(name, fields, where), coils, registers, bool(fields.get("refuse", False)), exception)
+def _unit(name: str, entry: Any, where: str, python: _Python) -> UnitPeer:
+    fields = _fields(entry, where, ("coils", "registers", "device", "exception", "refuse", "expect"))
+    device = python.object(_text(fields["device"], where), where) if "device" in fields else None
+    coils, registers = (
+        getattr(device, key, None) or _values(fields.get(key, {}), f"{where}: {key}") for key in ("coils", "registers")
+    )
+    return UnitPeer(
+        _log(name, fields, where),
+        coils,
+        registers,
+        refuse=bool(fields.get("refuse", False)),
+        exception=_whole(fields.get("exception", 0), f"{where}: exception"),
+        written=getattr(device, "written", lambda kind, address, value: None),
+    )
 
 
-def _values(entry: Any, where: str, folder: Path) -> Any:
-    if isinstance(entry, str):
-        return python_object(entry, where, folder)
+def _values(entry: Any, where: str) -> Values:
     values = Values()
     for address, value in _mapping(entry, where).items():
         several = [_whole(one, where) for one in _list(value)]

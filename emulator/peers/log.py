@@ -31,7 +31,7 @@ class Pattern:
         return cls(text, re.compile(wild, re.DOTALL))
 
     def match(self, message: str) -> re.Match[str] | None:
-        """Match a whole message; a message that is the text itself always matches."""
+        """Match a whole message."""
         return self.expression.fullmatch(message)
 
 

@@ -1,7 +1,7 @@
 """Modbus units whose values are constants, sequences, or those of a Python object."""
 
 import errno
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,31 +24,37 @@ class Values(dict[int, Any]):
 
 @dataclass
 class UnitPeer:
-    """A unit. refuse: it accepts no connection. exception: the code with which it answers every request, or 0."""
+    """A unit.
+
+    refuse: it accepts no connection. exception: the code with which it answers every request, or 0. written: called
+    with the kind (``coil``, ``register``), address and value of each write.
+    """
 
     log: PeerLog
-    coils: MutableMapping[int, Any] = field(default_factory=Values)
-    registers: MutableMapping[int, Any] = field(default_factory=Values)
+    coils: MutableMapping[int, int] = field(default_factory=Values)
+    registers: MutableMapping[int, int] = field(default_factory=Values)
     refuse: bool = False
     exception: int = 0
+    written: Callable[[str, int, int], object] = lambda kind, address, value: None
 
     def __post_init__(self) -> None:
         self._unit = MemoryUnit(self.coils, self.registers, self.exception)
-        self._written: dict[tuple[str, int], int] = {}
+        self._last: dict[tuple[str, int], int] = {}  # as written
 
     def answer(self, request: ModbusRequest, exchange: ModbusExchange) -> None:
-        """Carry a request out; a value that is written again, as a signal does all the time, is not logged again."""
+        """Carry a request out; a value that is written again, as a signal does all the time, is not reported again."""
         if self.refuse:
             exchange.complete(connection_error=errno.ECONNREFUSED)
             return
+        self._unit.answer(request, exchange)
+        self._unit.requests.clear()
         kind = "coil" if request.function in _WRITES_COILS else "register"
         start = request.write_address if request.function == Function.READ_WRITE_REGISTERS else request.address
         for address, value in enumerate(request.values, start):
-            if self._written.get((kind, address)) != value:
-                self._written[kind, address] = value
+            if self._last.get((kind, address)) != value:
+                self._last[kind, address] = value
                 self.log.add(f"{kind} {address} = {value}")
-        self._unit.answer(request, exchange)
-        self._unit.requests.clear()
+                self.written(kind, address, value)
 
 
 class PeerModbus:

@@ -113,7 +113,8 @@ class MemoryUnit:
         if self.broken:
             exchange.complete(device_error=self.broken)
             return
-        table.update(enumerate(request.values, start))
+        for address, value in enumerate(request.values, start):
+            table[address] = value
         if request.values and not rw:
             exchange.complete()
             return
