@@ -7,6 +7,7 @@ from emulator.scripttest.runner import Result, Status
 from urproto.text import readable
 
 _CONTROL = {code: None for code in range(32) if chr(code) not in "\t\n\r"}  # not allowed in XML
+_SHOWN = 20  # lines of a report
 _ELEMENTS = {Status.FAILED: "failure", Status.ERROR: "error"}
 
 
@@ -17,7 +18,7 @@ def result_line(result: Result) -> str:
 
 def failure_text(result: Result) -> str:
     """The reason for a failure, and what the program reported."""
-    reported = "\n".join(result.lines)
+    reported = "\n".join(["..."] * (len(result.lines) > _SHOWN) + result.lines[-_SHOWN:])
     return f"{result.title}\n{result.failure}\n" + (f"--- reported\n{reported}\n" if reported else "")
 
 
