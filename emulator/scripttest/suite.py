@@ -89,11 +89,16 @@ class Test:
         return TestProgram(tested, mocks, test, calls)
 
 
+def is_test_file(path: Path) -> bool:
+    """Whether a file is named like one of tests: ``test_x.script``, ``x_test.script``, ``x.test.script``."""
+    return _TEST_FILE.fullmatch(path.name) is not None
+
+
 def find_files(paths: Iterable[Path]) -> Iterator[Path]:
     """The test files among the paths and in the folders among them. Raises SuiteError for a missing one."""
     for path in paths:
         if path.is_dir():
-            yield from sorted(one for one in path.rglob("*.script") if _TEST_FILE.fullmatch(one.name))
+            yield from sorted(one for one in path.rglob("*.script") if is_test_file(one))
         elif path.is_file():
             yield path
         else:
