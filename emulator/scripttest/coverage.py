@@ -29,7 +29,7 @@ class StepCounter:
     """The step hook of a run: counts statements, and the ways from one to the next in the same call of a function."""
 
     def __init__(self) -> None:
-        self.hits: Counter[int] = Counter()
+        self.hits: Counter[Position] = Counter()
         self.ways: Counter[tuple[Position, Position]] = Counter()
         self._last: dict[int, Position] = {}  # by the identity of the frame of the call
 
@@ -38,7 +38,7 @@ class StepCounter:
         while frame.f_code.co_filename != FILE_NAME and frame.f_back is not None:
             frame = frame.f_back
         place = (line, column)
-        self.hits[line] += 1
+        self.hits[place] += 1
         if (before := self._last.get(id(frame))) is not None:
             self.ways[before, place] += 1  # if the call is another one, its predecessor ended after `before`
         self._last[id(frame)] = place
@@ -87,7 +87,7 @@ def coverage_of(program: TestProgram, tested: Iterable[Path], steps: StepCounter
         if place is None or place.path not in found:
             continue
         file = found[place.path]
-        file.lines[place.line] = max(file.lines.get(place.line, 0), steps.hits[statement.line])
+        file.lines[place.line] = max(file.lines.get(place.line, 0), steps.hits[statement.line, statement.column])
         if isinstance(statement, If | While) and (counts := _alternatives(statement, steps.ways)):
             file.branches[place.line, place.column] = counts
     return found
