@@ -136,6 +136,7 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.options",
     "emulator.pendant_process",
     "emulator.script_run",
+    "emulator.scripttest.runner",
     "emulator.serve",
     "emulator.replay_command",
     "emulator.readiness",

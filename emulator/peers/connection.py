@@ -43,7 +43,7 @@ class Peers:
     @property
     def logs(self) -> list[PeerLog]:
         """What was sent to each."""
-        return [peer.log for peer in (*self.sockets.values(), *self.units.values())]
+        return [*(peer.log for peer in self.sockets.values()), *(unit.log for unit in self.units.values())]
 
     def attach(self, controller: Controller, network: ScriptSocketBackend) -> None:
         """Connect the scripts of a controller to these peers, and otherwise to `network`."""

@@ -49,7 +49,8 @@ def junit(results: Sequence[Result]) -> bytes:
             problem.text = _clean(result.failure)
         if result.lines:
             ElementTree.SubElement(case, "system-out").text = _clean("\n".join(result.lines))
-    return ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
+    text: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
+    return text
 
 
 def _clean(text: str) -> str:
