@@ -35,6 +35,8 @@ def add_run_options(parser: ArgumentParser) -> None:
         help=help_of("script_network"),
     )
     parser.add_argument("--world", type=Path, metavar="WORLD", help=help_of("world"))
+    parser.add_argument("--gripper", metavar="MODEL", help=help_of("gripper"))
+    parser.add_argument("--gripper-object", type=_positive, metavar="MM", help=help_of("gripper_object"))
     parser.add_argument(
         "--arm",
         metavar="ideal|dynamic|FILE",

@@ -113,6 +113,8 @@ class Setup:
             arm=options.arm,
             seed=options.seed,
             world=options.world,
+            gripper=options.gripper,
+            gripper_object=options.gripper_object,
             initial_q=None if options.joints is None else _joints(options.joints, model),
         )
         stimuli = [stimulus(text, _INPUTS) for text in options.input]

@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 
 from emulator.controller import Controller
 from emulator.peers.answers import Answerer, Reply
+from emulator.peers.gripper import GripperPeer
 from emulator.peers.log import PeerLog
 from emulator.peers.modbus import PeerModbus, UnitPeer
 from emulator.services.sockets import MemorySocket, NoNetwork, ScriptSocket, ScriptSocketBackend, SocketState
+from urproto import robotiq
 
 ANY = "*"
 
@@ -36,7 +38,7 @@ class SocketPeer:
 class Peers:
     """The peers of a run by their addresses: sockets by host or ``*`` and port, Modbus units by host."""
 
-    sockets: Mapping[tuple[str, int], SocketPeer]
+    sockets: dict[tuple[str, int], SocketPeer]
     units: Mapping[str, UnitPeer]
     _network: ScriptSocketBackend = field(default_factory=NoNetwork)
 
@@ -46,7 +48,10 @@ class Peers:
         return [*(peer.log for peer in self.sockets.values()), *(unit.log for unit in self.units.values())]
 
     def attach(self, controller: Controller, network: ScriptSocketBackend) -> None:
-        """Connect the scripts of a controller to these peers, and otherwise to `network`."""
+        """Connect the scripts of a controller to these peers and its own gripper, and otherwise to `network`."""
+        if controller.gripper is not None:
+            log = PeerLog(f"{ANY}:{robotiq.PORT}")
+            self.sockets.setdefault((ANY, robotiq.PORT), SocketPeer(log, GripperPeer(log, controller.gripper)))
         for log in self.logs:
             log.now = lambda: controller.time_s
         self._network = network
