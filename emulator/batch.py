@@ -48,7 +48,8 @@ class Batch:
     type them. stimuli: actions on the controller during the run.
 
     ``done``: whether the run is over. ``failure``: why the run failed; empty if it succeeded.
-    ``time_s``: robot time since the beginning [s].
+    ``error``: the error that ended a program, with its position in the file. ``time_s``: robot time since the beginning
+    [s].
     """
 
     def __init__(
@@ -67,7 +68,8 @@ class Batch:
         self._controller = controller
         self._file = file
         self._print_line = print_line
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
+        self.error: ScriptError | None = None
         self._began_s = controller.time_s
         self._answers = deque(answers)
         self._stimuli = deque(sorted(stimuli, key=lambda stimulus: stimulus.at_s))
@@ -140,8 +142,8 @@ class Batch:
             self.stop("the program was paused, and no operator is there to resume it")
         elif not (programs.busy or self._waiting):
             self.done = True
-        elif self._timeout_s is not None and self.time_s >= self._timeout_s:
-            self.stop(f"not finished within {self._timeout_s:g} s")
+        elif self.timeout_s is not None and self.time_s >= self.timeout_s:
+            self.stop(f"not finished within {self.timeout_s:g} s")
 
     # report
 
@@ -178,6 +180,7 @@ class Batch:
         error = ScriptError(message.text, message.line, message.column)
         if self._main is not None:
             error = self._file.located(error, self._main)
+        self.error = error
         self._report("runtime exception")
         self._print_line(error.render(self._file.name))
         self.failure = f"runtime exception: line {error.line}: {error.message}"

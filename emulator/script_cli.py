@@ -1,20 +1,17 @@
-"""The command ``urscript``: check scripts, list built-ins, run files of programs on an emulated arm.
+"""The command ``urscript``: check scripts, list built-ins, run and test files of programs on an emulated arm.
 
 Running loads the whole emulator, so each command imports what it needs.
 """
 
-import math
 import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as distribution_version
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final
 
-from emulator.options import help_of
-from emulator.robot.kinds import ArmKind
-from emulator.services.sockets import ScriptNetwork
+from emulator.script_options import add_controller_options, add_run_options
 from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.versions import PolyscopeVersion
@@ -34,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_parser() -> ArgumentParser:
     """The parser of the whole command line."""
-    parser = ArgumentParser(prog="urscript", description="Check and run URScript programs.")
+    parser = ArgumentParser(prog="urscript", description="Check, run and test URScript programs.")
     parser.add_argument("--version", action="version", version=f"urscript {_version()}")
     commands = parser.add_subparsers(dest="command", required=True)
     for name, (text, add_arguments, run) in _COMMANDS.items():
@@ -49,12 +46,6 @@ def libraries() -> LibrarySet:
     from emulator.builtins import LIBRARIES
 
     return LibrarySet(LIBRARIES)
-
-
-def _add_controller_options(parser: ArgumentParser) -> None:
-    """Add ``--model`` and ``--polyscope``, the same for every command and with the emulator's defaults."""
-    parser.add_argument("--model", help=help_of("model"))
-    parser.add_argument("--polyscope", help=help_of("polyscope"))
 
 
 def _chosen_controller(options: Namespace) -> tuple[RobotModel, PolyscopeVersion]:
@@ -80,7 +71,7 @@ def _usage_error(message: str) -> int:
 
 def _check_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="script file; - reads standard input")
-    _add_controller_options(parser)
+    add_controller_options(parser)
 
 
 def _check(options: Namespace) -> int:
@@ -131,119 +122,57 @@ def _functions(options: Namespace) -> int:
 # run
 
 
-def _run_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="file of URScript programs; - for standard input")
-    _add_controller_options(parser)
-    parser.add_argument(
-        "--speed",
-        type=_speed,
-        metavar="max|N",
-        help="N times real time; max (the default): as fast as possible, or real time while a script socket is open",
-    )
-    parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="stop after this much robot time")
-    parser.add_argument(
-        "--script-network",
-        choices=list(ScriptNetwork),
-        default=ScriptNetwork.ANY,
-        help=help_of("script_network"),
-    )
-    parser.add_argument("--world", type=Path, metavar="WORLD", help=help_of("world"))
-    parser.add_argument(
-        "--arm",
-        metavar="ideal|dynamic|FILE",
-        default=ArmKind.IDEAL,
-        help=help_of("arm"),
-    )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        help="seed of a dynamic arm's measurement noise, and of faults without a seed",
-    )
-    parser.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="KIND,NAME=VALUE,...",
-        help=help_of("fault"),
-    )
-    parser.add_argument(
-        "--speed-slider", type=_fraction, default=1.0, metavar="0..1", help="position of the speed slider (default 1)"
-    )
-    parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles at the start [rad]")
-    parser.add_argument(
-        "--input",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE[@S]",
-        help="set an input at the start, or at robot time S: digital0 to 7, configurable0 to 7, tool0 and 1 (0 or 1), "
-        "analog0 and 1, tool-analog0 and 1 (V or A); repeatable",
-    )
-    parser.add_argument(
-        "--register",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE[@S]",
-        help="set an input register in the same way: bool0 to 127, int0 to 47, float0 to 47; repeatable",
-    )
-    parser.add_argument(
-        "--answer",
-        action="append",
-        default=[],
-        metavar="TEXT",
-        help="answer to a question of the program, as an operator would type it; repeatable, in order",
-    )
-    parser.add_argument(
-        "--peers",
-        type=Path,
-        metavar="FILE",
-        help="YAML file with the answers of peers on sockets and XML-RPC (emulator.script_peers)",
-    )
-    parser.add_argument("--trace", action="store_true", help="show every statement before it is executed")
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise ArgumentTypeError(f"{text!r} is not a positive number")
-    return value
-
-
-def _fraction(text: str) -> float:
-    value = _positive(text)
-    if value > 1.0:
-        raise ArgumentTypeError(f"{text!r} is more than 1")
-    return value
-
-
-def _speed(text: str) -> float | None:
-    return None if text == "max" else _positive(text)
-
-
 def _run(options: Namespace) -> int:
     from emulator import script_run  # here, because it loads the whole emulator: every urscript command imports us
 
     return script_run.run(options)
 
 
-class _Parser(ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        raise ValueError(message)
+# test
 
 
-def parsed(words: Sequence[str]) -> Namespace:
-    """The options in the words that follow ``urscript run``. Raises ValueError."""
-    parser = _Parser(add_help=False, allow_abbrev=False)
-    _run_arguments(parser)
-    return parser.parse_args(words)
+def _test_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("paths", nargs="*", type=Path, default=[Path()], metavar="PATH", help="test files and folders")
+    add_controller_options(parser)
+    parser.add_argument("-k", dest="keyword", default="", metavar="TEXT", help="only tests whose name contains it")
+    parser.add_argument(
+        "-n",
+        dest="processes",
+        type=_processes,
+        default=1,
+        metavar="N|auto",
+        help="number of processes (default 1)",
+    )
+    parser.add_argument("--junit", type=Path, metavar="FILE", help="write the results as JUnit XML")
+    parser.add_argument("--coverage", action="store_true", help="show which lines and branches were executed")
+    parser.add_argument("--lcov", type=Path, metavar="FILE", help="write that as an lcov trace file, too")
+    parser.add_argument(
+        "--profile",
+        type=Path,
+        metavar="FILE",
+        help="write robot time by line for speedscope.app, and show the most",
+    )
+
+
+def _processes(text: str) -> int:
+    """A number of processes; 0 is one per processor."""
+    if text == "auto":
+        return 0
+    if not text.isdecimal() or int(text) < 1:
+        raise ArgumentTypeError(f"{text!r} is neither a number of processes nor auto")
+    return int(text)
+
+
+def _test(options: Namespace) -> int:
+    from emulator.scripttest import command  # see `_run`
+
+    return command.run(options)
 
 
 _COMMANDS: Final[dict[str, tuple[str, Callable[[ArgumentParser], None], Callable[[Namespace], int]]]] = {
     "check": ("check script files and report all errors and warnings", _check_arguments, _check),
-    "functions": ("list the built-in functions of a PolyScope version", _add_controller_options, _functions),
-    "run": ("run a file of URScript programs on an emulated arm, in virtual time", _run_arguments, _run),
+    "functions": ("list the built-in functions of a PolyScope version", add_controller_options, _functions),
+    "run": ("run a file of URScript programs on an emulated arm, in virtual time", add_run_options, _run),
+    "test": ("run tests that are written in URScript, in virtual time", _test_arguments, _test),
 }
 """Each command: its help, what adds its arguments, and what runs it and returns the exit status."""

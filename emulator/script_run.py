@@ -13,8 +13,9 @@ from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
 from emulator.config import choose_arm, controller_config
 from emulator.controller import Controller
+from emulator.peers.connection import Peers
+from emulator.peers.file import read_peers
 from emulator.programs.compiling import LIBRARY_SET
-from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets, ScriptPort
 from emulator.services.sockets import ScriptNetwork
 from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
@@ -30,14 +31,14 @@ if TYPE_CHECKING:
 Setter: TypeAlias = Callable[[Controller, int, float], Any]
 
 _NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")
-_INPUTS: Final[Mapping[str, tuple[int, Setter]]] = {
+_INPUTS: Final[dict[str, tuple[int, Setter]]] = {
     "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value))),
     "configurable": (8, lambda c, n, value: c.signals.set_digital_input(CONFIGURABLE, n, bool(value))),
     "tool": (2, lambda c, n, value: c.signals.set_digital_input(TOOL, n, bool(value))),
     "analog": (2, lambda c, n, value: c.signals.analog_inputs.__setitem__(n, value)),
     "tool-analog": (2, lambda c, n, value: c.signals.tool_analog_inputs.__setitem__(n, value)),
 }
-_REGISTERS: Final[Mapping[str, tuple[int, Setter]]] = {
+_REGISTERS: Final[dict[str, tuple[int, Setter]]] = {
     "bool": (128, lambda c, n, value: c.registers.input.set_bit(n, bool(value))),
     "int": (48, lambda c, n, value: c.registers.input.set_int(n, int(value))),
     "float": (48, lambda c, n, value: c.registers.input.set_double(n, value)),
@@ -64,66 +65,93 @@ def run(options: Namespace) -> int:
 
 def execute(options: Namespace, print_line: Callable[[str], None]) -> Outcome:
     """Compile and run the file; `print_line` gets each line of the report. Raises ValueError for invalid options."""
-    try:
-        controller, stimuli, peers, file = _prepared(options)
-    except OSError as error:
-        raise ValueError(f"{error.filename or options.file}: {error.strerror}") from error
+    setup, file = _prepared(options)
+    controller = setup.controller
     problems = file.problems(LIBRARY_SET, controller.version)
     for problem in problems:
         print_line(problem.render(file.name))
     wrong = next((problem for problem in problems if isinstance(problem, CompileError)), None)
     if wrong is not None:
         return Outcome(TROUBLE, f"does not compile: line {wrong.line}: {wrong.message}")
-    faults = _injected(options, controller)
-    batch = Batch(
-        controller,
-        file,
-        print_line,
-        trace=options.trace,
-        timeout_s=options.timeout,
-        answers=options.answer,
-        stimuli=stimuli,
-    )
-    try:
-        asyncio.run(_drive(batch, controller, options.speed, ScriptNetwork(options.script_network), peers))
-    except KeyboardInterrupt:
-        batch.stop("interrupted")
-    for entry in faults.listing() if faults is not None else ():
-        if entry["problem"]:
-            batch.stop(f"the fault {entry['kind']} failed: {entry['problem']}")
+    batch = setup.batch(file, print_line, options)
+    setup.play(batch, options)
     print_line(_final_state(batch, controller))
     return Outcome(TROUBLE if batch.failure else SUCCESS, batch.failure, batch.time_s)
 
 
 def check(options: Namespace) -> None:
     """Raise ValueError for invalid options or a missing file. Nothing runs."""
+    _prepared(options)
+
+
+def _prepared(options: Namespace) -> "tuple[Setup, ScriptFile]":
+    """Create what the options describe. Raises ValueError."""
     try:
-        controller, *_ = _prepared(options)
+        return Setup.of(options), ScriptFile.read(options.file)
     except OSError as error:
         raise ValueError(f"{error.filename or options.file}: {error.strerror}") from error
-    _injected(options, controller)
 
 
-def _prepared(options: Namespace) -> tuple[Controller, list[Stimulus], Peers, ScriptFile]:
-    """Create what the options describe. Raises ValueError or OSError."""
-    model, _ = choose_arm(options.model, options.polyscope, options.arm)
-    config = controller_config(
-        options.model,
-        polyscope=options.polyscope,
-        running=True,
-        popup_auto_close_s=0.0,
-        arm=options.arm,
-        seed=options.seed,
-        world=options.world,
-        initial_q=None if options.joints is None else _joints(options.joints, model),
-    )
-    stimuli = [_stimulus(text, _INPUTS) for text in options.input]
-    stimuli += [_stimulus(text, _REGISTERS) for text in options.register]
-    peers = {} if options.peers is None else read_peers(options.peers)
-    file = ScriptFile.read(options.file)
-    controller = Controller(config)
-    controller.speed.set_slider(options.speed_slider)
-    return controller, stimuli, peers, file
+@dataclass
+class Setup:
+    """A controller with a ready arm and its surroundings, as options describe them: what a run begins with."""
+
+    controller: Controller
+    stimuli: list[Stimulus]
+    peers: Peers
+    faults: "FaultInjector | None"
+
+    @classmethod
+    def of(cls, options: Namespace, peers: Peers | None = None) -> "Setup":
+        """Create it. peers: instead of those of the options. Raises ValueError or OSError."""
+        model, _ = choose_arm(options.model, options.polyscope, options.arm)
+        config = controller_config(
+            options.model,
+            polyscope=options.polyscope,
+            running=True,
+            popup_auto_close_s=0.0,
+            arm=options.arm,
+            seed=options.seed,
+            world=options.world,
+            gripper=options.gripper,
+            gripper_object=options.gripper_object,
+            initial_q=None if options.joints is None else _joints(options.joints, model),
+        )
+        stimuli = [stimulus(text, _INPUTS) for text in options.input]
+        stimuli += [stimulus(text, _REGISTERS) for text in options.register]
+        if peers is None:
+            peers = Peers({}, {}) if options.peers is None else read_peers(options.peers)
+        controller = Controller(config)
+        controller.speed.set_slider(options.speed_slider)
+        return cls(controller, stimuli, peers, _injected(options, controller))
+
+    def batch(self, file: "ScriptFile", print_line: Callable[[str], None], options: Namespace) -> Batch:
+        """The run of a file."""
+        return Batch(
+            self.controller,
+            file,
+            print_line,
+            trace=options.trace,
+            timeout_s=options.timeout,
+            answers=options.answer,
+            stimuli=self.stimuli,
+        )
+
+    def play(self, batch: Batch, options: Namespace, after_tick: Callable[[], None] = lambda: None) -> None:
+        """Carry the run out. A fault that could not act, and a message that a peer still expects, fail it.
+
+        after_tick: called after each control period.
+        """
+        network = ScriptNetwork(options.script_network)
+        try:
+            asyncio.run(_drive(batch, self.controller, options.speed, network, self.peers, after_tick))
+        except KeyboardInterrupt:
+            batch.stop("interrupted")
+        for entry in self.faults.listing() if self.faults is not None else ():
+            if entry["problem"]:
+                batch.stop(f"the fault {entry['kind']} failed: {entry['problem']}")
+        if unmet := next(filter(None, (log.unmet() for log in self.peers.logs)), ""):
+            batch.stop(unmet)
 
 
 def _injected(options: Namespace, controller: Controller) -> "FaultInjector | None":
@@ -144,8 +172,8 @@ def _injected(options: Namespace, controller: Controller) -> "FaultInjector | No
     return injector
 
 
-def _stimulus(text: str, known: Mapping[str, tuple[int, Setter]]) -> Stimulus:
-    """An input or register from the command line as a stimulus. Raises ValueError."""
+def stimulus(text: str, known: Mapping[str, tuple[int, Setter]] = _INPUTS | _REGISTERS) -> Stimulus:
+    """An input or register, as on the command line, as a stimulus. Raises ValueError."""
     match = _NUMBERED.fullmatch(text)
     if match is None:
         raise ValueError(f"{text!r} is not of the form NAME=VALUE or NAME=VALUE@SECONDS")
@@ -183,11 +211,16 @@ def _number(text: str) -> float:
 
 
 async def _drive(
-    batch: Batch, controller: Controller, speed: float | None, network: ScriptNetwork, peers: Peers
+    batch: Batch,
+    controller: Controller,
+    speed: float | None,
+    network: ScriptNetwork,
+    peers: Peers,
+    after_tick: Callable[[], None],
 ) -> None:
     """Run control periods until the run is over. Raises what a period raises."""
     sockets = NetworkSockets(network, controller.messages.note, port=ScriptPort(lambda: controller.snapshot.timestamp))
-    controller.programs.socket_backend = StubPeers(peers, sockets)
+    peers.attach(controller, sockets)
     period_s = controller.period_s
     clock: Clock = RealClock(period_s, speed) if speed else FastClock(period_s, lambda: len(sockets) > 0)
     over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -195,6 +228,7 @@ async def _drive(
     def tick() -> None:
         try:
             batch.tick()
+            after_tick()
         except Exception as error:
             clock.close()
             over.set_exception(error)

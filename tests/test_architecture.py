@@ -90,7 +90,13 @@ THIRD_PARTY = {
     "tomli": ("urproto.compat",),
     "typing_extensions": ("urproto.compat",),
     "pinocchio": ("urproto.robots.pinocchio_dynamics", "client.planning"),
-    "yaml": ("urproto.yamltext", "client.calibration", "client.ros2.overlay", "client.identification.identify"),
+    "yaml": (
+        "urproto.yamltext",
+        "client.calibration",
+        "client.ros2.overlay",
+        "client.identification.identify",
+        "client.traffic.peers_file",
+    ),
     "typer": (
         "emulator.check",
         "emulator.cli",
@@ -130,6 +136,7 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.options",
     "emulator.pendant_process",
     "emulator.script_run",
+    "emulator.scripttest.runner",
     "emulator.serve",
     "emulator.replay_command",
     "emulator.readiness",

@@ -155,6 +155,17 @@ class ScriptThread:
         frame = self._innermost()
         return 0 if frame is None else script_line(frame.f_lineno)
 
+    @property
+    def stack(self) -> list[tuple[str, int]]:
+        """Python name and line (from 1) of each function of the program that is being executed, outermost first."""
+        found: list[tuple[str, int]] = []
+        body: object = self.body
+        while isinstance(body, GeneratorType):
+            if body.gi_code.co_filename == FILE_NAME and body.gi_frame is not None:
+                found.append((body.gi_code.co_name, script_line(body.gi_frame.f_lineno)))
+            body = body.gi_yieldfrom
+        return found
+
     def _innermost(self) -> FrameType | None:
         """The frame of the program's innermost function, else that of an interpreted statement; None before the
         start."""

@@ -18,8 +18,9 @@ from client.commands.following import PortOffset, RobotIP
 from client.decoding.codecs import CODECS, Side
 from client.decoding.session import Choice, DecodingSession, InputForm
 from client.decoding.streams import Line
+from client.traffic.peers_file import PeersRecorder
 from client.traffic.ports import choose_ports, query_identity
-from client.traffic.proxy import Proxy, Route, driver_routes, robot_routes
+from client.traffic.proxy import Proxy, Route, driver_routes, peer_routes, robot_routes
 from client.traffic.recording import TrafficRecorder, TrafficRecording
 from client.traffic.replay import ReplayRobot
 from urproto.commandline import AsJson, print_json
@@ -160,7 +161,12 @@ def proxy_command(
     robot_ip: RobotIP = "127.0.0.1",
     listen: Annotated[str, typer.Option("--listen", help="Address to listen on for clients.")] = "127.0.0.1",
     file: Annotated[
-        Path | None, typer.Option("--record", help="pcapng file to write everything to; Wireshark can open it.")
+        Path | None,
+        typer.Option(
+            "--record",
+            help="pcapng file to write everything to; Wireshark can open it. With --peer: a .yaml file for urscript's "
+            "--peers.",
+        ),
     ] = None,
     ports: Annotated[
         list[str] | None,
@@ -172,18 +178,33 @@ def proxy_command(
             "--driver", help="Address of a driver: also relay the robot's connections to its ports 50001-50004."
         ),
     ] = None,
+    peers: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--peer",
+            help="HOST:PORT of a device that a robot's program connects to: relay it, and of the robot only --ports. "
+            "Repeatable.",
+        ),
+    ] = None,
     port_offset: PortOffset = 0,
     listen_offset: Annotated[
         int, typer.Option("--listen-offset", help="Offset added to each port the proxy listens on, as for an emulator.")
     ] = 0,
 ) -> None:
     """Relay every connection to a robot unchanged and record it, until Ctrl-C."""
-    chosen = choose_ports(ports or ()).items()
+    chosen = choose_ports(ports or ()).items() if ports or not peers else ()
     routes = robot_routes(robot_ip, listen, chosen, port_offset=port_offset, listen_offset=listen_offset)
     if driver is not None:
         routes += driver_routes(driver, listen)
+    routes += peer_routes(map(_peer, peers or ()), listen, listen_offset=listen_offset)
     _refuse_loop(routes)
-    recorder = _recorder(file, robot_ip, port_offset) if file is not None else None
+    recorder: TrafficRecorder | PeersRecorder | None = None
+    if file is not None and file.suffix == ".yaml":
+        if not peers or chosen or driver:
+            raise typer.BadParameter("a .yaml file records peers only: give --peer, without --ports and --driver")
+        recorder = PeersRecorder(file, _warn)
+    elif file is not None:
+        recorder = _recorder(file, robot_ip, port_offset)
     try:
         asyncio.run(_relay(routes, recorder))
     except OSError as error:
@@ -193,6 +214,13 @@ def proxy_command(
             recorder.close()
     if recorder is not None and recorder.failed:
         raise typer.Exit(_UNRECORDED)
+
+
+def _peer(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
+        raise typer.BadParameter(f"{text!r} is not of the form HOST:PORT")
+    return host.strip("[]"), int(port)
 
 
 def _refuse_loop(routes: list[Route]) -> None:
@@ -209,7 +237,7 @@ def _recorder(file: Path, robot_ip: str, port_offset: int) -> TrafficRecorder:
     return TrafficRecorder(file, comments, problem=_warn)
 
 
-async def _relay(routes: list[Route], recorder: TrafficRecorder | None) -> None:
+async def _relay(routes: list[Route], recorder: TrafficRecorder | PeersRecorder | None) -> None:
     async with Proxy(routes, recorder, typer.echo) as proxy:
         for name, port in proxy.ports.items():
             route = proxy.routes[name]

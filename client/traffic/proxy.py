@@ -19,7 +19,7 @@ from typing import Final
 
 from client.errors import RobotUnreachableError
 from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS, query_identity
-from client.traffic.recording import FLUSH_S, TrafficRecorder
+from client.traffic.recording import FLUSH_S, Recorder, TrafficRecorder
 from client.traffic.relay import DIAL_S, Relay, reason_of
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
@@ -76,6 +76,13 @@ def driver_routes(driver_address: str, listen: str) -> list[Route]:
     ]
 
 
+def peer_routes(peers: Iterable[tuple[str, int]], listen: str, *, listen_offset: int = 0) -> list[Route]:
+    """Routes for devices that programs of a robot connect to, each on its own port."""
+    return [
+        Route(f"{host}:{port}", port, listen, port + listen_offset, host, port, mirrored=False) for host, port in peers
+    ]
+
+
 class Proxy:
     """The routes, open while the context is entered.
 
@@ -85,7 +92,7 @@ class Proxy:
     def __init__(
         self,
         routes: Iterable[Route],
-        recorder: TrafficRecorder | None = None,
+        recorder: Recorder | None = None,
         report: Callable[[str], None] = _logger.info,
     ) -> None:
         self.routes = {route.name: route for route in routes}
@@ -200,7 +207,7 @@ class Proxy:
         self._relays.add(relay)
         return relay.client
 
-    async def _keep_flushing(self, recorder: TrafficRecorder) -> None:
+    async def _keep_flushing(self, recorder: Recorder) -> None:
         while True:
             await asyncio.sleep(FLUSH_S)
             recorder.flush()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from client.decoding.capture import MAGIC_SIZE, PacketReader, head_of_capture, open_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
@@ -106,8 +106,32 @@ class TrafficRecorder:
         return self._file.path
 
 
-class Recorded:
+class ConnectionRecorder(Protocol):
     """Records one connection; each call is an event at the current time."""
+
+    def data(self, from_client: bool, data: bytes) -> None:
+        """One end has sent bytes."""
+
+    def end(self, from_client: bool) -> None:
+        """This end has closed its sending direction."""
+
+    def reset(self, from_client: bool) -> None:
+        """This end has reset the connection."""
+
+
+class Recorder(Protocol):
+    """Records the connections of a proxy."""
+
+    def connection(self, client: SocketAddress, server: SocketAddress) -> ConnectionRecorder:
+        """Start recording a connection."""
+        ...
+
+    def flush(self) -> None:
+        """Pass the buffered data to the operating system."""
+
+
+class Recorded:
+    """Records one connection in a capture file."""
 
     def __init__(self, write: Callable[[Iterable[bytes]], None], frames: ConnectionFrames) -> None:
         self._write = write
@@ -115,15 +139,12 @@ class Recorded:
         write(frames.open())
 
     def data(self, from_client: bool, data: bytes) -> None:
-        """One end has sent bytes."""
         self._write(self._frames.data(from_client, data))
 
     def end(self, from_client: bool) -> None:
-        """This end has closed its sending direction."""
         self._write((self._frames.end(from_client),))
 
     def reset(self, from_client: bool) -> None:
-        """This end has reset the connection."""
         self._write((self._frames.reset(from_client),))
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Final, cast
 
 from client.decoding.packets import SocketAddress
-from client.traffic.recording import Recorded, TrafficRecorder
+from client.traffic.recording import ConnectionRecorder, Recorder
 from urproto.compat_asyncio import pause_reading, timeout
 
 DIAL_S: Final = 5.0  # how long a robot may take to accept a connection (guess)
@@ -23,7 +23,7 @@ class Relay:
     """
 
     def __init__(
-        self, host: str, target: int, port: int, recorder: TrafficRecorder | None, ended: Callable[["Relay"], None]
+        self, host: str, target: int, port: int, recorder: Recorder | None, ended: Callable[["Relay"], None]
     ) -> None:
         self.finished = asyncio.Event()
         self.refusal: str | None = None
@@ -32,7 +32,7 @@ class Relay:
         self._where = (host, target)
         self._port = port
         self._recorder = recorder
-        self._recorded: Recorded | None = None
+        self._recorded: ConnectionRecorder | None = None
         self._ended = ended
         self._open = 0
         self._dialing: asyncio.Task[None] | None = None

@@ -23,7 +23,7 @@ from typing import Annotated, Any, Final, TypeAlias
 import msgspec
 
 from emulator.config import ConfigError, read_yaml
-from emulator.script_cli import parsed
+from emulator.script_options import parsed
 from emulator.script_run import check
 from urproto.compat import StrEnum
 

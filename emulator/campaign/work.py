@@ -17,7 +17,7 @@ import msgspec
 from emulator.campaign.minimise import minimised
 from emulator.campaign.plan import Kind, Plan, Run
 from emulator.config import ConfigError
-from emulator.script_cli import parsed
+from emulator.script_options import parsed
 from emulator.script_run import execute
 from urproto.compat import StrEnum
 from urproto.entry import SUCCESS

@@ -46,14 +46,18 @@ class Submission:
 
 
 class CompiledTexts:
-    """What a robot has compiled: the same text takes it no time again, as drivers send it again and again."""
+    """What a robot has compiled: the same text takes it no time again, as drivers send it again and again.
+
+    libraries: the functions that its programs can call.
+    """
 
     def __init__(self) -> None:
+        self.libraries = LIBRARY_SET
         self._programs = CompiledPrograms()
 
     def compile(self, text: str, version: PolyscopeVersion, *, stepped: bool = False) -> Steps[CompiledProgram]:
         """Compile a program for this robot, in steps. Raises CompileError."""
-        key = (text, LIBRARY_SET, version, stepped)
+        key = (text, self.libraries, version, stepped)
         program = self._programs.get(key)
         if program is None:
             program = yield from compile_steps(*key[:3], stepped=stepped)

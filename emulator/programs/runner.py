@@ -26,7 +26,7 @@ from emulator.builtins.host import ProgramHost, StepHook
 from emulator.lifecycle.runstate import RTDE_WATCHDOG, RunEvent, next_run_state
 from emulator.machine import Machine
 from emulator.programs.breakpoints import Breakpoints
-from emulator.programs.compiling import Compiling, Submission
+from emulator.programs.compiling import CompiledTexts, Compiling, Submission
 from emulator.programs.interpreter import Interpreter
 from emulator.programs.loading import LoadedProgram, Player
 from emulator.programs.overrun import watch
@@ -127,6 +127,11 @@ class Programs:
         """Whether a program is running, paused, waiting or being compiled."""
         waiting = bool(self._next or self._secondary or self._compiling.waiting)
         return waiting or self.state is not RuntimeState.STOPPED
+
+    @property
+    def texts(self) -> CompiledTexts:
+        """What this robot has compiled."""
+        return self._compiling.texts
 
     @property
     def texts_waiting(self) -> int:

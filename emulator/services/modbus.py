@@ -10,7 +10,7 @@ watchdog; after that, reading or setting it ends the program.
 """
 
 import errno
-from collections.abc import Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
@@ -98,8 +98,8 @@ class NoModbusNetwork:
 class MemoryUnit:
     """A unit in memory. ``broken``: the exception code with which it answers every request."""
 
-    coils: dict[int, int] = field(default_factory=dict)
-    registers: dict[int, int] = field(default_factory=dict)
+    coils: MutableMapping[int, int] = field(default_factory=dict)
+    registers: MutableMapping[int, int] = field(default_factory=dict)
     broken: int = 0
     requests: list[ModbusRequest] = field(default_factory=list)
     commands: list[bytes] = field(default_factory=list)
@@ -113,7 +113,8 @@ class MemoryUnit:
         if self.broken:
             exchange.complete(device_error=self.broken)
             return
-        table.update(enumerate(request.values, start))
+        for address, value in enumerate(request.values, start):
+            table[address] = value
         if request.values and not rw:
             exchange.complete()
             return

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from emulator import script_cli as cli
-from emulator.script_peers import PeersError, read_peers
+from emulator.peers.file import read_peers
+from emulator.peers.log import PeersError
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
 
@@ -426,6 +427,13 @@ def test_invalid_run_options(
         ("sockets: {'a:1': {says: b}}", "unknown key 'says'"),
         ("sockets: {'a:1': {answers: {x: []}}}", "must not be empty"),
         ("sockets: {'a:1': {answers: {x: [[1]]}}}", "an answer must be text"),
+        ("sockets: {'a:1': {answers: {x: '${n}'}}}", "there is no variable n"),
+        ("sockets: {'a:1': {answers: {/(/: y}}}", "is not a regular expression"),
+        ("sockets: {'a:1': {answers: 'gone.py:f'}}", "gone.py:f: FileNotFoundError"),
+        ("sockets: {'a:1': {binary: true, answers: {x: y}}}", "'y' is not hexadecimal"),
+        ("sockets: {'a:1': {size: 0}}", "must be a whole number from 1"),
+        ("sockets: {'a:1': {delay: -1}}", "must be a time in seconds"),
+        ("modbus: {a: {coils: {0: []}}}", "must not be empty"),
         ("xmlrpc: {'a:1': {}}", "is not an XML-RPC address"),
         ("[", "is not YAML"),
     ],

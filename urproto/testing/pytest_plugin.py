@@ -1,4 +1,4 @@
-"""The pytest plugin with the fixtures ``ur_emulator`` and ``ur_robot``. See docs/testing.md.
+"""The pytest plugin: the fixtures ``ur_emulator`` and ``ur_robot``, and tests in URScript. See docs/testing.md.
 
 The plugin hardly slows down other pytest runs: the fixtures' dependencies are imported when a test requests one.
 """
@@ -14,6 +14,7 @@ import pytest
 
 if TYPE_CHECKING:
     import asyncio
+    from collections.abc import Iterable
 
     from emulator.virtual import VirtualRobot
     from urproto.testing.leaks import Resources
@@ -46,6 +47,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="an option of ur-emulator for tests that do not give it, for example seed=3, arm=dynamic or "
         "fault=joint_fault,joint=2; repeatable, also the same one",
     )
+    parser.addini("ur_script_tests", "collect test_*.script and *_test.script", type="bool", default=False)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -247,6 +249,59 @@ def _is_checked_for_leaks(item: pytest.Item) -> bool:
 
 def _fail_for_leaks(left: list[str]) -> None:
     pytest.fail("left behind by the test: " + "; ".join(left), pytrace=False)
+
+
+# tests in URScript
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScriptTests | None":
+    """Test files in URScript: those named on the command line and, with ``ur_script_tests``, those in folders."""
+    if file_path.suffix != ".script":
+        return None
+    named = parent.session.isinitpath(file_path)
+    if not named and not parent.config.getini("ur_script_tests"):
+        return None
+    from emulator.scripttest.suite import is_test_file
+
+    return ScriptTests.from_parent(parent, path=file_path) if named or is_test_file(file_path) else None
+
+
+class ScriptTests(pytest.File):
+    """A file of tests in URScript."""
+
+    def collect(self) -> "Iterable[ScriptTest]":
+        from emulator.scripttest.suite import SuiteError, tests_of
+        from urscript.errors import ScriptError
+
+        try:
+            return [ScriptTest.from_parent(self, name=test.name, test=test) for test in tests_of(self.path)]
+        except SuiteError as error:
+            raise self.CollectError(str(error)) from error
+        except ScriptError as error:
+            raise self.CollectError(error.render(str(self.path))) from error
+
+
+class ScriptTest(pytest.Item):
+    """A test in URScript; ``--ur-model`` and ``--ur-polyscope`` apply unless its settings name an arm."""
+
+    def __init__(self, *, test: Any, **others: Any) -> None:
+        super().__init__(**others)
+        self.test = test
+
+    def runtest(self) -> None:
+        """Run it on a new robot."""
+        from emulator.scripttest.runner import Status, run_test
+
+        names = ("model", "polyscope")
+        defaults = {name: value for name in names if (value := self.config.getoption(f"--ur-{name}"))}
+        result = run_test(self.test, defaults)
+        self.user_properties.append(("ur_robot_s", result.robot_s))
+        self.add_report_section("call", "URScript", "\n".join(result.lines))
+        if result.status is not Status.PASSED:
+            pytest.fail(result.failure, pytrace=False)
+
+    def reportinfo(self) -> tuple[Path, int, str]:
+        return self.path, self.test.line - 1, self.name
 
 
 # reports of failures

@@ -1,0 +1,92 @@
+"""Implements ``urscript test``."""
+
+import multiprocessing
+import os
+import sys
+from argparse import Namespace
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from emulator.scripttest.coverage import coverage_table, lcov, merged
+from emulator.scripttest.profile import profile_table, speedscope
+from emulator.scripttest.reports import failure_text, junit, result_line, summary
+from emulator.scripttest.runner import Observation, Result, Status, run_test
+from emulator.scripttest.suite import SuiteError, Test, find_files, tests_of
+from urproto.durable import write_file
+from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
+from urscript.errors import ScriptError
+
+
+def run(options: Namespace) -> int:
+    """Find and run the tests; return the exit status."""
+    try:
+        files = list(find_files(options.paths))
+    except SuiteError as error:
+        sys.stderr.write(f"urscript test: {error}\n")
+        return USAGE_ERROR
+    tests, results = _collect(files, options.keyword)
+    defaults = {name: value for name in ("model", "polyscope") if (value := getattr(options, name))}
+    observation = Observation(bool(options.coverage or options.lcov), bool(options.profile))
+    for result in results:
+        _print(result_line(result))
+    for result in _run_all(tests, defaults, observation, options.processes):
+        _print(result_line(result))
+        results.append(result)
+    wrong = [result for result in results if result.status is not Status.PASSED]
+    for result in wrong:
+        _print(f"\n{failure_text(result)}", end="")
+    try:
+        _write_reports(options, results)
+    except OSError as error:
+        sys.stderr.write(f"urscript test: {error.filename}: {error.strerror}\n")
+        return USAGE_ERROR
+    _print(summary(results))
+    return TROUBLE if wrong or not results else SUCCESS
+
+
+def _collect(files: Sequence[Path], keyword: str) -> tuple[list[Test], list[Result]]:
+    """The tests whose title contains the keyword, and a result for each file that could not be read."""
+    tests, unreadable = [], []
+    for file in files:
+        try:
+            tests += [test for test in tests_of(file) if keyword in test.title]
+        except ScriptError as error:
+            unreadable.append(Result(str(file), Status.ERROR, error.render(str(file))))
+        except (SuiteError, OSError) as error:
+            unreadable.append(Result(str(file), Status.ERROR, str(error)))
+    return tests, unreadable
+
+
+def _run_all(
+    tests: Sequence[Test], defaults: Mapping[str, Any], observation: Observation, processes: int
+) -> Iterator[Result]:
+    """The results in the order of the tests. processes: 0 for one per processor."""
+    run_one = partial(run_test, defaults=defaults, observation=observation)
+    processes = min(processes or os.cpu_count() or 1, len(tests))
+    if processes <= 1:
+        yield from map(run_one, tests)
+        return
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        yield from pool.imap(run_one, tests)
+
+
+def _write_reports(options: Namespace, results: Sequence[Result]) -> None:
+    """Write the files and print the tables that the options name. Raises OSError."""
+    if options.junit:
+        write_file(options.junit, junit(results))
+    if options.coverage or options.lcov:
+        coverage = merged(result.coverage for result in results)
+        _print(f"\n{coverage_table(coverage)}\n")
+        if options.lcov:
+            write_file(options.lcov, lcov(coverage))
+    if options.profile:
+        threads = {f"{result.title} {name}": one for result in results for name, one in result.profile.items()}
+        _print(f"\n{profile_table(threads)}\n")
+        write_file(options.profile, speedscope(threads))
+
+
+def _print(text: str, end: str = "\n") -> None:
+    sys.stdout.write(text + end)
+    sys.stdout.flush()
