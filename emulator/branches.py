@@ -9,14 +9,17 @@ import warnings
 import weakref
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.reduction import recv_handle, send_handle
+from pickle import PicklingError
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
 
-from emulator.control.control import Control, VerbMethods
+from emulator.control.control import VerbMethods
 from urproto.compat import Self
 from urproto.controlapi import NotPossible
 
-_open: "weakref.WeakSet[Branch]" = weakref.WeakSet()  # of this process: its copies must not keep their connections
+_COPY: Final = None  # the request for another copy
+
+_open: "weakref.WeakSet[Copied]" = weakref.WeakSet()  # of this process: its copies must not keep their connections
 
 
 def can_branch() -> bool:
@@ -24,50 +27,57 @@ def can_branch() -> bool:
     return hasattr(os, "fork")
 
 
-def branch(robot: Control) -> "Branch":
-    """Copy this process, and with it the robot as it is. Raises OSError if the system has no room for a process."""
-    mine, its = Pipe()
-    if (process := _fork()) == 0:
-        mine.close()
-        _serve(robot, its)
-    its.close()
-    return Branch(mine, process)
+class Copied:
+    """An object in a copy of this process, whose methods are called by name. Use it with ``with``, or close it.
 
-
-class Branch(VerbMethods):
-    """A robot in another process: it has the verbs of a robot as methods, and is at its own moment.
-
-    Time passes only in the verbs that wait, so a branch that only branches is a checkpoint. Use it with ``with``, or
-    close it.
+    Exceptions that a method raises are raised here. The process ends when it is closed, or with this one.
     """
 
     def __init__(self, connection: Connection, process: int | None) -> None:
-        self._connection = connection
+        self.connection = connection
         self._ended = weakref.finalize(self, _end, connection, process)
         _open.add(self)
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name == "controller":
-            raise AttributeError(f"{name}: a branch is in another process, and has verbs only")
-        return lambda *values, **named: self._ask(name, values, named)
+    @classmethod
+    def of(cls, subject: object) -> "Copied":
+        """Copy this process, and with it the object as it is. Raises OSError if there is no room for a process."""
+        mine, its = Pipe()
+        if (process := _fork()) == 0:
+            mine.close()
+            _serve(subject, its)
+        its.close()
+        return cls(mine, process)
 
-    @property
-    def journal(self) -> bytes:
-        """The run so far, for ``ur-emulator replay``."""
-        journal: bytes = self._ask("journal", (), {})
-        return journal
-
-    def branch(self) -> "Branch":
-        """Another robot that goes on from this moment."""
+    def copy(self) -> "Copied":
+        """Another copy of the object as it is there."""
         mine, its = Pipe()
         with its:
-            self._connection.send(None)
-            send_handle(self._connection, its.fileno(), None)
-            self._answer()
-        return Branch(mine, None)
+            self._send(_COPY)
+            send_handle(self.connection, its.fileno(), None)
+            self.result()
+        return Copied(mine, None)
+
+    def ask(self, name: str, *values: Any, **named: Any) -> Any:
+        """Call a method and return its result; or return an attribute."""
+        self.start(name, *values, **named)
+        return self.result()
+
+    def start(self, name: str, *values: Any, **named: Any) -> None:
+        """Call a method, whose `result` is taken later; the connection can be read then."""
+        self._send((name, values, named))
+
+    def result(self) -> Any:
+        """The result of the call that was started. Raises what it raised, or NotPossible if the process has ended."""
+        try:
+            failed, result = self.connection.recv()
+        except (EOFError, OSError) as error:
+            raise NotPossible("the process of the copy has ended") from error
+        if failed:
+            raise result
+        return result
 
     def close(self) -> None:
-        """End the branch and its process."""
+        """End the process."""
         self._ended()
 
     def __enter__(self) -> Self:
@@ -78,20 +88,54 @@ class Branch(VerbMethods):
     ) -> None:
         self.close()
 
-    def _ask(self, name: str, values: tuple[Any, ...], named: dict[str, Any]) -> Any:
+    def forget(self) -> None:
+        """In a copy of the process that made this one: leave it to the original."""
+        self._ended.detach()
+        self.connection.close()
+
+    def _send(self, request: Any) -> None:
         if not self._ended.alive:
             raise NotPossible("the branch is closed")
-        self._connection.send((name, values, named))
-        return self._answer()
-
-    def _answer(self) -> Any:
         try:
-            failed, result = self._connection.recv()
-        except (EOFError, OSError) as error:
-            raise NotPossible("the process of the branch has ended") from error
-        if failed:
-            raise result
-        return result
+            self.connection.send(request)
+        except OSError as error:
+            raise NotPossible("the process of the copy has ended") from error
+
+
+class Branch(VerbMethods):
+    """A robot in another process: it has the verbs of a robot as methods, and is at its own moment.
+
+    Time passes only in the verbs that wait, so a branch that only branches is a checkpoint. Use it with ``with``, or
+    close it.
+    """
+
+    def __init__(self, robot: Copied) -> None:
+        self._robot = robot
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name == "controller":
+            raise AttributeError(f"{name}: a branch is in another process, and has verbs only")
+        return lambda *values, **named: self._robot.ask(name, *values, **named)
+
+    @property
+    def journal(self) -> bytes:
+        """The run so far, for ``ur-emulator replay``."""
+        journal: bytes = self._robot.ask("journal")
+        return journal
+
+    def branch(self) -> "Branch":
+        """Another robot that goes on from this moment."""
+        return Branch(self._robot.copy())
+
+    def close(self) -> None:
+        """End the branch and its process."""
+        self._robot.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def _fork() -> int:
@@ -103,49 +147,46 @@ def _fork() -> int:
 
 def _end(connection: Connection, process: int | None) -> None:
     connection.close()
-    if process is not None:  # else it is the child of a branch, which waits for it
+    if process is not None:  # else it is the child of a copy, in which the system removes it
         os.waitpid(process, 0)
 
 
-def _serve(robot: Control, connection: Connection) -> NoReturn:
+def _serve(subject: object, connection: Connection) -> NoReturn:
     """What the copy of a process does: answer, until nobody is left to ask."""
     try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for whoever has branched
-        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system itself removes branches that are over
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for whoever has made the copy
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system itself removes copies that are over
         for other in tuple(_open):
-            other._ended.detach()
-            other._connection.close()
+            other.forget()
         while True:
             request = connection.recv()
-            if request is None:
-                connection = _branched(connection)
+            if request is _COPY:
+                connection = _copied(connection)
                 continue
             name, values, named = request
             try:
-                answer = False, _member(robot, name, values, named)
+                member = getattr(subject, name)
+                answer = False, member(*values, **named) if callable(member) else member
             except Exception as error:
                 answer = True, error
-            _send(connection, answer)
-    except EOFError:
+            _answer(connection, answer)
+    except (EOFError, OSError):
         pass
     finally:
         os._exit(0)  # without what the original does at its end
 
 
-def _member(robot: Control, name: str, values: tuple[Any, ...], named: dict[str, Any]) -> Any:
-    member = getattr(robot, name)
-    return member(*values, **named) if callable(member) else member
-
-
-def _send(connection: Connection, answer: tuple[bool, Any]) -> None:
+def _answer(connection: Connection, answer: tuple[bool, Any]) -> None:
     try:
         connection.send(answer)
-    except Exception:  # whatever pickle raises
-        connection.send((True, NotPossible(f"{answer[1]!r} cannot leave the process of the branch")))
+    except (TypeError, AttributeError, PicklingError) as error:
+        connection.send(
+            (True, NotPossible(f"{type(answer[1]).__name__} cannot leave the process of the copy: {error}"))
+        )
 
 
-def _branched(connection: Connection) -> Connection:
-    """Copy the process for another branch; returns the connection that this process answers on now."""
+def _copied(connection: Connection) -> Connection:
+    """Copy the process once more; returns the connection that this process answers on now."""
     its = Connection(recv_handle(connection))
     if _fork() == 0:
         connection.close()

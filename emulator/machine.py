@@ -121,6 +121,9 @@ class InputRecorder(Protocol):
     def end(self, snapshot: Snapshot) -> None:
         """A control period is over."""
 
+    def wrap_backends(self, controller: Any) -> None:
+        """Its programs have other connections from now on."""
+
     def rebooted(self, controller: Any, boot_s: float, periods_off: int) -> None:
         """The controller was switched off and on; this is the new one."""
 

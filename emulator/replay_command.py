@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from emulator.control.timing import parse_condition
+from emulator.control.conditions import parse_condition
 from emulator.journal.file import MemorySink
 from emulator.journal.replay import Replay
 from emulator.logs import LogLevel, log_to_stderr

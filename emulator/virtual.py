@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, Final, TypeVar
 
-from emulator.branches import Branch, branch, can_branch
+from emulator.branches import Branch, Copied, can_branch
 from emulator.config import controller_config
 from emulator.control.control import Control
 from emulator.control.snapshots import journal_document
@@ -19,6 +19,8 @@ from emulator.journal.recorder import record
 from emulator.journal.replay import Replay
 from emulator.machine import ControllerConfig
 from emulator.options import CONTROLLER_OPTIONS, ROBOT_OPTIONS
+from emulator.peers.connection import Peers
+from emulator.services.sockets import NoNetwork
 from urproto.compat import Self
 from urproto.controlapi import BadArguments, NotPossible
 
@@ -120,6 +122,12 @@ class VirtualRobot(Control):
             raise NotPossible("the controller is switched off: advance time until it is on again")
         return journal
 
+    def connect(self, peers: Peers) -> None:
+        """Let peers answer the programs: on sockets, and as Modbus units."""
+        peers.attach(self.controller, NoNetwork())
+        if (recorder := self.controller.recorder) is not None:
+            recorder.wrap_backends(self.controller)
+
     def checkpoint(self) -> dict[str, Any]:
         """A document for ``restore`` of this moment, with the run so far: of a robot at rest, more than ``save``."""
         return journal_document(self.controller, self.journal)
@@ -139,7 +147,7 @@ class VirtualRobot(Control):
         It is in a process of its own, a copy of this one, where the system can make such copies.
         """
         if can_branch():
-            return branch(self)
+            return Branch(Copied.of(self))
         other = VirtualRobot(self.controller.config)
         other.restore(self.checkpoint())
         return other

@@ -174,9 +174,7 @@ def test_what_changes_a_robot_by_other_ways_is_noticed():
     one.controller.registers.output.set_double(7, 1.5)
     one.step(1)
     moment, checkpoint = state(one), one.checkpoint()
-    with pytest.raises(
-        NotPossible, match=r"cannot be repeated: .*is \[0.0, .*0.0\], recorded \["
-    ):
+    with pytest.raises(NotPossible, match=r"cannot be repeated: .*is \[0.0, .*0.0\], recorded \["):
         one.restore(checkpoint)
     assert state(one) == moment
     with one.branch() as other:

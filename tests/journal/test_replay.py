@@ -16,7 +16,7 @@ from journal_rig import Recorded
 from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.commands.requests import DashboardLine, RTDEInputs, ScriptUnit
-from emulator.control.timing import parse_condition
+from emulator.control.conditions import parse_condition
 from emulator.journal.file import MAGIC, JournalError, JournalWriter, MemorySink, read_journal
 from emulator.journal.recorder import record
 from emulator.journal.replay import Replay
