@@ -110,26 +110,26 @@ class Branch(VerbMethods):
     """
 
     def __init__(self, robot: Copied) -> None:
-        self._robot = robot
+        self._copied = robot
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name == "controller":
             raise AttributeError(f"{name}: a branch is in another process, and has verbs only")
-        return lambda *values, **named: self._robot.ask(name, *values, **named)
+        return lambda *values, **named: self._copied.ask(name, *values, **named)
 
     @property
     def journal(self) -> bytes:
         """The run so far, for ``ur-emulator replay``."""
-        journal: bytes = self._robot.ask("journal")
+        journal: bytes = self._copied.ask("journal")
         return journal
 
     def branch(self) -> "Branch":
         """Another robot that goes on from this moment."""
-        return Branch(self._robot.copy())
+        return Branch(self._copied.copy())
 
     def close(self) -> None:
         """End the branch and its process."""
-        self._robot.close()
+        self._copied.close()
 
     def __enter__(self) -> Self:
         return self

@@ -72,6 +72,9 @@ def _fleet() -> Any:
 
 app.command("fleet", cls=Deferred, help="Run many robots on this machine, each on its own address.")(_fleet)
 app.command(
+    "explore", cls=Deferred, help="Search for the schedule of faults, inputs and delays that breaks a program."
+)(load_from("emulator.explore.command:app"))
+app.command(
     "campaign", cls=Deferred, help="Run programs or tests many times in virtual time, on all cores or a cluster."
 )(load_from("emulator.campaign.command:app"))
 app.command("facts", cls=Deferred, help="Print what is known and what is guessed about a PolyScope version.")(

@@ -105,12 +105,12 @@ class VirtualRobot(Control):
     milliseconds.
     """
 
-    def __init__(self, config: ControllerConfig, *, recorded: bool = True) -> None:
+    def __init__(self, config: ControllerConfig, *, recorded: bool = True, checked: bool = False) -> None:
         self._machine = _VirtualMachine(config)
         super().__init__(self._machine, ManualPace(), self._machine.faults)
         self._machine.go_on_from = self._go_on_from
         if recorded and config.options is not None:
-            record(self, MemorySink(), checked=False)
+            record(self, MemorySink(), checked=checked)
 
     @property
     def journal(self) -> bytes:
@@ -178,12 +178,18 @@ class VirtualRobot(Control):
 
 
 def virtual_robot(
-    model: str | None = None, *, fault: str | Sequence[str] = (), recorded: bool = True, **options: Any
+    model: str | None = None,
+    *,
+    fault: str | Sequence[str] = (),
+    recorded: bool = True,
+    checked: bool = False,
+    **options: Any,
 ) -> VirtualRobot:
     """A robot with the options of ``ur-emulator``; those for ports and speed are ignored.
 
     fault: one or several, as on the command line; they use the robot's seed unless they have their own. recorded:
-    whether it can return to earlier moments. Raises ValueError for an invalid value, TypeError for an unknown option,
+    whether it can return to earlier moments; checked: whether replays of its journal are compared in each period, which
+    takes 5 us in each. Raises ValueError for an invalid value, TypeError for an unknown option,
     NotPossible for a fault that affects ports.
     """
     known = {*CONTROLLER_OPTIONS} - {"model"}
@@ -193,7 +199,7 @@ def virtual_robot(
         if option not in known:
             names = ", ".join(sorted(known))
             raise TypeError(f"a robot in virtual time has no option {option!r}: choose from {names}")
-    robot = VirtualRobot(controller_config(model, **given), recorded=recorded)
+    robot = VirtualRobot(controller_config(model, **given), recorded=recorded, checked=checked)
     for text in [fault] if isinstance(fault, str) else fault:
         chosen = parse_fault(text)
         robot.inject_fault(chosen.kind, **{"seed": given.get("seed", 0), **describe(chosen)})

@@ -27,7 +27,7 @@ EMULATOR_LEVELS = (
     ("first_screen", "pendant_process", "script_run", "script_options", "branches"),
     ("serve", "scripttest", "virtual"),
     ("script_cli", "learning", "replay_command"),
-    ("fleet", "campaign"),
+    ("fleet", "campaign", "explore"),
     ("cli",),
     ("__main__",),
 )

@@ -110,15 +110,27 @@ def ur_robot(
     __tracebackhide__ = True
     from urproto.testing import virtual_robot
 
-    robot = virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))
-    from emulator.journal.file import MemorySink  # now that the package is known to be this one
-    from emulator.journal.recorder import record
-
-    record(robot, MemorySink())  # with what a replay is compared with
+    robot = virtual_robot(**_with_defaults(request.config, _marked_options(request.node)), checked=True)
     request.node.stash[_journals] = tmp_path_factory.getbasetemp(), {"ur_robot": lambda: robot.journal}
     began_s = robot.controller.time_s
     yield robot
     request.node.user_properties.append(("ur_robot_s", robot.controller.time_s - began_s))
+
+
+@pytest.fixture
+def ur_explore(ur_seed: int) -> Callable[..., None]:
+    """A function that explores a plan (a YAML file) for a number of runs, and fails with what breaks a property."""
+    __tracebackhide__ = True
+    from urproto.testing import virtual_robot as _  # now that the package is known to be this one
+
+    def explore(plan: str | Path, runs: int = 100, seed: int | None = None) -> None:
+        __tracebackhide__ = True
+        from emulator.explore.answer import explanation
+
+        if found := explanation(Path(plan), runs, ur_seed if seed is None else seed):
+            pytest.fail(found, pytrace=False)
+
+    return explore
 
 
 @pytest.fixture

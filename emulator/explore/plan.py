@@ -1,0 +1,93 @@
+"""The description of an exploration: a program and its surroundings, what may be chosen, and what must hold.
+
+program: cell.script
+model: ur5e
+options: {arm: dynamic}       # of virtual_robot
+peers: peers.yaml             # who answers the program
+lasts: 20                     # robot time of a run [s]
+at_most: 3                    # choices in a run
+choices:
+  operator pauses: {dashboard: pause, then: {dashboard: play, after: 0.1..3}}
+properties:
+  no_unexpected_stop: true
+  finishes: {eventually: "program.running == false", within: 18}
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from emulator.config import ConfigError, read_yaml
+from emulator.explore.choices import Choice, PlanError, parse_choice
+from emulator.explore.properties import Property, parse_property
+from urproto.robots import load_model
+
+_MAX_RUN_S = 3600.0
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    program: str
+    choices: dict[str, Any]
+    properties: dict[str, Any]
+    model: str = "ur5e"
+    options: dict[str, Any] = {}
+    peers: str = ""
+    lasts: float = 20.0
+    at_most: int = 3
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What `read_plan` returns. folder: to which the names of files are relative. text: of the program."""
+
+    program: Path
+    model: str
+    options: Mapping[str, Any]
+    peers: Path | None
+    lasts_s: float
+    at_most: int
+    choices: Mapping[str, Choice]
+    properties: tuple[Property, ...]
+
+    @property
+    def period_s(self) -> float:
+        """The control period of the robot."""
+        return load_model(self.model).series.period_s
+
+
+def read_plan(path: Path) -> Plan:
+    """The plan in a YAML file. Raises ConfigError, which names the file and what is wrong."""
+    try:
+        return plan_of(read_yaml(path), path.parent)
+    except PlanError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def plan_of(content: Any, folder: Path = Path()) -> Plan:
+    """The plan that data describes. folder: to which its files are relative. Raises PlanError."""
+    try:
+        given = msgspec.convert(content, _File)
+    except msgspec.ValidationError as error:
+        raise PlanError(str(error)) from error
+    if not 0.0 < given.lasts <= _MAX_RUN_S:
+        raise PlanError(f"lasts is a time up to {_MAX_RUN_S:g} s, not {given.lasts:g}")
+    if given.at_most < 1:
+        raise PlanError("at_most is at least 1")
+    if not given.choices or not given.properties:
+        raise PlanError("an exploration needs choices, and properties that must hold")
+    files: dict[str, Any] = {
+        name: folder / given.options[name] for name in ("world", "programs") if name in given.options
+    }
+    return Plan(
+        folder / given.program,
+        given.model,
+        {**given.options, **files},
+        folder / given.peers if given.peers else None,
+        given.lasts,
+        given.at_most,
+        {name: parse_choice(name, entry, given.lasts) for name, entry in given.choices.items()},
+        tuple(parse_property(name, entry) for name, entry in given.properties.items()),
+    )

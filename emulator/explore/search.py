@@ -1,0 +1,318 @@
+"""Decides which schedule to try next, and carries runs out in parallel, each from the nearest moment that is kept.
+
+A schedule that has shown something new (lines and branches of the program, modes, codes, a smaller margin) is kept, and
+others are made from it: with one more decision, or one that is moved in time or has another value. Decisions are placed
+near moments at which something happened, since races are there. The next schedules are made from results in a fixed
+order, whatever the number of processes: the same seed finds the same.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from multiprocessing.connection import wait
+from random import Random
+from typing import Final
+
+from emulator.branches import Copied, can_branch
+from emulator.explore.choices import Decision, Schedule
+from emulator.explore.plan import Plan
+from emulator.explore.run import Feature, Run, Trail
+
+_FEW: Final = 4  # simplifications that are tried at a time
+_BATCH: Final = 8  # schedules made at a time: independent of the number of processes
+_MOMENTS: Final = 9  # of a run, about, that are kept
+_APART: Final = 500  # control periods, which take as long as the copy of a process
+_KEPT_RUNS: Final = 10  # whose moments are kept; each is a process, which shares its memory with the others
+_NEAR_EVENT: Final = 0.7  # of the decisions
+_ADDED, _MOVED = 0.6, 0.25  # of the new schedules; in the others, a decision has other values, or is left out
+_OFFSETS: Final = (0, 0, 1, -1, 2, -2, 4, -4, 8, -8, 16, 32, 64)  # control periods from an event
+
+
+@dataclass
+class Entry:
+    """A run. moments: copies of it by control period, from which other runs can go on."""
+
+    trail: Trail
+    moments: dict[int, Copied] = field(default_factory=dict)
+    children: int = 0
+
+    def close(self) -> None:
+        """End the copies."""
+        for copy in self.moments.values():
+            copy.close()
+        self.moments.clear()
+
+
+@dataclass
+class _Job:
+    """A run that is being carried out. made: decisions that it has made. stops: periods at which it is copied."""
+
+    number: int
+    schedule: Schedule
+    copy: Copied
+    made: int
+    stops: list[int]
+    moments: dict[int, Copied] = field(default_factory=dict)
+
+    def start(self) -> None:
+        """Let it go on to the next stop, or to its end."""
+        if not self.stops:
+            self.copy.start("finish", self.schedule, self.made)
+            return
+        due = tuple(one for one in self.schedule[self.made :] if one.period < self.stops[0])
+        self.made += len(due)
+        self.copy.start("advance", due, self.stops[0])
+
+    def take(self) -> Trail | None:
+        """It has come to a stop, or to its end: then, what the run was like."""
+        result = self.copy.result()
+        if isinstance(result, Trail):
+            return result
+        self.moments[self.stops.pop(0)] = self.copy.copy()
+        return None
+
+
+class Runner:
+    """Carries out schedules of a plan, in several processes. Use it with ``with``. runs: their number so far."""
+
+    def __init__(self, plan: Plan, workers: int) -> None:
+        self._plan = plan
+        self._workers = workers
+        self._kept: list[Entry] = []
+        self._first: Copied | None = None
+        self._periods = 0  # of a run
+        self.runs = 0
+
+    def __enter__(self) -> "Runner":
+        if can_branch():
+            run = Run(self._plan)
+            self._first, self._periods = Copied.of(run), run.last
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for entry in self._kept:
+            entry.close()
+        if self._first is not None:
+            self._first.close()
+
+    def keep(self, entry: Entry) -> None:
+        """Keep the moments of a run, from which others go on; the run with the fewest gives way to it."""
+        if not entry.moments:
+            return
+        self._kept.append(entry)
+        if len(self._kept) > _KEPT_RUNS:
+            oldest = min(self._kept[1:], key=lambda one: one.children)
+            self._kept.remove(oldest)
+            oldest.close()
+
+    def carry_out(self, schedules: Sequence[Schedule], *, keeping: bool = True) -> list[Entry]:
+        """Run some schedules; the results are in their order. keeping: whether moments may be kept.
+
+        Raises what a run raises.
+        """
+        self.runs += len(schedules)
+        if self._first is None:
+            return [Entry(Run(self._plan).finish(schedule)) for schedule in schedules]
+        results: dict[int, Entry] = {}
+        waiting = list(enumerate(schedules))
+        running: list[_Job] = []
+        with ExitStack() as ending:
+            while waiting or running:
+                while waiting and len(running) < self._workers:
+                    job = self._job(*waiting.pop(0), keeping)
+                    ending.callback(job.copy.close)
+                    job.start()
+                    running.append(job)
+                ready = wait([job.copy.connection for job in running])
+                for job in [job for job in running if job.copy.connection in ready]:
+                    if (trail := job.take()) is None:
+                        job.start()
+                        continue
+                    running.remove(job)
+                    job.copy.close()
+                    results[job.number] = Entry(trail, job.moments)
+        return [results[number] for number in range(len(schedules))]
+
+    def _job(self, number: int, schedule: Schedule, keeping: bool) -> _Job:
+        """A run of the schedule, from the latest kept moment of a run with the same decisions before it."""
+        assert self._first is not None
+        best, made, since = self._first, 0, 0
+        for entry in self._kept:
+            for period, copy in entry.moments.items():
+                before = tuple(one for one in entry.trail.schedule if one.period < period)
+                own = tuple(one for one in schedule if one.period < period)
+                if before == own and period > since:
+                    best, made, since = copy, len(own), period
+        last = self._periods
+        apart = max(last // _MOMENTS, _APART)
+        stops = [stop for stop in range(apart, last, apart) if stop > since and keeping]
+        return _Job(number, schedule, best.copy(), made, stops)
+
+
+class Search:
+    """A search with one seed. features: all that has been seen. broken: by property, the first run that broke it."""
+
+    def __init__(self, plan: Plan, runner: Runner, seed: int = 0) -> None:
+        self._plan = plan
+        self._runner = runner
+        self._chance = Random(f"explore {seed}")
+        self._corpus: list[Entry] = []
+        self._tried: set[Schedule] = set()
+        self._nearest: dict[str, float] = {}
+        self._chosen: Counter[str] = Counter()
+        self.features: set[Feature] = set()
+        self.broken: dict[str, Trail] = {}
+        self.refused: Counter[str] = Counter()
+        self.exhausted = False  # whether there is no schedule left that was not tried
+
+    def begin(self) -> Trail:
+        """The run without any decision."""
+        (base,) = self._runner.carry_out([()])
+        self._tried.add(())
+        self._learn(base)
+        return base.trail
+
+    def go_on(self) -> None:
+        """One more batch of runs."""
+        schedules = list(self._schedules(_BATCH))
+        self.exhausted = not schedules
+        for entry in self._runner.carry_out(schedules):
+            self._learn(entry)
+
+    @property
+    def nearest(self) -> dict[str, float]:
+        """The least margin of each property so far."""
+        return dict(self._nearest)
+
+    def _learn(self, entry: Entry) -> None:
+        trail = entry.trail
+        self.refused.update(text.partition(":")[0] for text in trail.refused)
+        new = trail.features - self.features
+        self.features |= trail.features
+        for name, margin in trail.margins.items():
+            self._nearest[name] = min(margin, self._nearest.get(name, margin))
+        for name in trail.broken:
+            self.broken.setdefault(name, trail)
+        if (new and not trail.broken) or not self._corpus:
+            self._corpus.append(entry)
+            self._runner.keep(entry)
+        else:
+            entry.close()
+
+    def _schedules(self, number: int) -> Iterator[Schedule]:
+        """New schedules; fewer if nothing new is found in many attempts."""
+        left = number
+        for _ in range(50 * number):
+            parent = min(self._chance.sample(self._corpus, min(3, len(self._corpus))), key=lambda one: one.children)
+            schedule = self._changed(parent.trail)
+            if schedule in self._tried:
+                continue
+            parent.children += 1
+            self._tried.add(schedule)
+            yield schedule
+            left -= 1
+            if not left:
+                return
+
+    def _changed(self, trail: Trail) -> Schedule:
+        schedule = list(trail.schedule)
+        what = self._chance.random()
+        if not schedule or (what < _ADDED and len(schedule) < self._plan.at_most):
+            schedule.append(self._decision(trail))
+        else:
+            place = self._chance.randrange(len(schedule))
+            old = schedule[place]
+            if what < _ADDED + _MOVED:
+                schedule[place] = replace(old, period=self._moment(trail, old.choice))
+            elif len(schedule) == 1 or self._chance.random() < 0.5:
+                values = self._plan.choices[old.choice].draw(self._chance)
+                schedule[place] = replace(old, values=tuple(values.items()))
+            else:
+                del schedule[place]
+        return tuple(sorted(schedule, key=lambda one: (one.period, one.choice)))
+
+    def _decision(self, trail: Trail) -> Decision:
+        names = list(self._plan.choices)
+        name = min(self._chance.sample(names, min(2, len(names))), key=lambda one: self._chosen[one])
+        self._chosen[name] += 1
+        values = self._plan.choices[name].draw(self._chance)
+        return Decision(self._moment(trail, name), name, tuple(values.items()))
+
+    def _moment(self, trail: Trail, name: str) -> int:
+        """A control period for a choice: near one in which something happened, or any."""
+        span = self._plan.choices[name].at
+        period_s = self._plan.lasts_s / trail.periods
+        first, last = round(span.low / period_s), min(round(span.high / period_s), trail.periods - 1)
+        if trail.events and self._chance.random() < _NEAR_EVENT:
+            near = self._chance.choice(trail.events) + self._chance.choice(_OFFSETS)
+            return max(first, min(near, last))
+        return self._chance.randint(first, max(first, last))
+
+
+@dataclass(frozen=True)
+class Found:
+    """A property and the simplest run found that breaks it. runs: after which it was broken first."""
+
+    property: str
+    trail: Trail
+    runs: int
+
+
+def explored(
+    plan: Plan,
+    runner: Runner,
+    seed: int,
+    enough: Callable[[], bool],
+    tell: Callable[[str], object] = lambda text: None,
+) -> tuple[dict[str, Found], Search]:
+    """Search until every property is broken, nothing is left to try, it is ``enough``, or somebody interrupts.
+
+    Returns what was found, simplified, by property. tell: takes lines about the progress.
+    """
+    search, found = Search(plan, runner, seed), dict[str, Found]()
+    try:
+        search.begin()
+        while True:
+            for name, trail in search.broken.items():
+                if name not in found:
+                    tell(f"{name}: broken in run {runner.runs}; simplifying")
+                    found[name] = Found(name, trail, runner.runs)
+                    found[name] = replace(found[name], trail=simplest(plan, trail, name, runner))
+            if len(found) == len(plan.properties) or search.exhausted or enough():
+                break
+            search.go_on()
+    except KeyboardInterrupt:
+        tell("interrupted: this is what was found so far")
+    return found, search
+
+
+def simplest(plan: Plan, trail: Trail, name: str, runner: Runner) -> Trail:
+    """The simplest run found that breaks the same property: with fewer decisions, and simpler values.
+
+    It tries each simplification once for each run that is simpler than the one before.
+    """
+    best = trail
+    tried: set[Schedule] = set()
+    while True:
+        candidates = [one for one in _simpler(plan, best.schedule) if one not in tried]
+        better = None
+        for first in range(0, len(candidates), _FEW):
+            tried |= set(some := candidates[first : first + _FEW])
+            trails = [entry.trail for entry in runner.carry_out(some, keeping=False)]
+            if better := next((one for one in trails if name in one.broken), None):
+                break
+        if better is None:
+            return best
+        best = better
+
+
+def _simpler(plan: Plan, schedule: Schedule) -> Iterator[Schedule]:
+    for place in range(len(schedule)):
+        yield schedule[:place] + schedule[place + 1 :]
+    for place, decision in enumerate(schedule):
+        values = dict(decision.values)
+        for name, domain in plan.choices[decision.choice].parameters.items():
+            for value in domain.simpler(values[name]):
+                changed = replace(decision, values=tuple({**values, name: value}.items()))
+                yield (*schedule[:place], changed, *schedule[place + 1 :])
