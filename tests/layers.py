@@ -26,7 +26,7 @@ EMULATOR_LEVELS = (
     ("app", "batch", "script_peers", "check", "ctl", "facts_command", "options"),
     ("first_screen", "pendant_process", "script_run", "virtual"),
     ("serve",),
-    ("script_cli", "learning", "replay_command"),
+    ("script_cli", "learning", "replay_command", "trace_command"),
     ("fleet", "campaign"),
     ("cli",),
     ("__main__",),

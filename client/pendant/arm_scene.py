@@ -21,7 +21,7 @@ from nicegui import app, ui
 from nicegui.elements.scene.scene_object3d import Object3D
 
 from client.calibration import parameters
-from client.pendant.arm_shapes import Part, link_parts
+from urproto.robots.arm_shapes import Part, link_parts
 from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.primary.state import KinematicsInfo

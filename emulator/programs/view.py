@@ -44,3 +44,11 @@ class ProgramView:
             ProgramThread(*(thread.label or (0, "")), thread.name.removeprefix("t_"))
             for thread in self._runtime.threads
         )
+
+    @property
+    def lines(self) -> tuple[tuple[str, int], ...]:
+        """Name of each thread, and the line that it is executing; 0 before its first."""
+        return tuple(
+            (f"{thread.name.removeprefix('t_')}{f' {thread.id}' if thread.id else ''}", thread.line)
+            for thread in self._runtime.threads
+        )

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from client.pendant.arm_shapes import link_parts
+from urproto.robots.arm_shapes import link_parts
 from emulator.world.links import Links
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject
 from urproto.robots import MODELS, load_model
