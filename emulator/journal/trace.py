@@ -48,7 +48,7 @@ def trace_of(source: Path, begin_s: float = 0.0, end_s: float = inf) -> tuple[Tr
             trace.event("Log", tracer.time_s, f"the replay differs from here on: {difference}", "error")
     messages = _Messages(trace, replay.controller.period_s)
     for record in read_journal(source):
-        time_s = tracer.start_s + record[0] * replay.controller.period_s
+        time_s = tracer.start_s + (record[0] + 1) * replay.controller.period_s  # of the period in which it arrives
         if begin_s <= time_s <= min(end_s, tracer.time_s):
             messages.add(time_s, record)
     messages.flush()

@@ -32,9 +32,8 @@ _MODES: Final[tuple[tuple[str, str, type[IntEnum]], ...]] = (
 )
 _ALARMS: Final = ("STOP", "VIOLATION", "FAULT", "RECOVERY")  # in the names of safety modes
 _SIGNALS: Final = {"Inputs": ("actual_digital_input_bits", "I"), "Outputs": ("actual_digital_output_bits", "O")}
-_REGISTERS: Final = tuple(
-    (f"{way}_{kind}_register", f"{way}_{kind}_registers") for way in ("input", "output") for kind in ("int", "double")
-)
+_REGISTERS: Final = ("output_int_register", "output_double_register")
+_ORDER: Final = ("Safety mode", "Robot mode", "Program", "Thread", "Speed slider", "Faults", "Log", *_SIGNALS, "Setup")
 _SETUP: Final = {"tcp_offset": "TCP", "payload": "payload [kg]", "payload_cog": "centre of gravity [m]"}
 _DIGITS: Final = 6
 _MAX_ENTRIES: Final = 20_000  # of a lane; guess: half a megabyte of a page
@@ -134,7 +133,8 @@ class Trace:
             before = self._seen.get(name)
             if name in state and self._changed(name, state[name]) and before is not None:
                 self.event(lane, time_s, ", ".join(_signals(before, state[name], letter)))
-        for name, values in _REGISTERS:
+        for name in _REGISTERS:
+            values = f"{name}s"
             before = self._seen.get(values)
             if values in state and self._changed(values, state[values]) and before is not None:
                 pairs = enumerate(zip(before, state[values], strict=True))
@@ -185,6 +185,7 @@ class Trace:
             self._fill(column, len(self.times))
         for lane in self.lanes.values():
             lane.entries.sort(key=lambda entry: entry.time_s)
+        self.lanes = dict(sorted(self.lanes.items(), key=lambda lane: _place_of(lane[0])))
 
     def _lane(self, name: str, *, states: bool) -> Lane:
         return self.lanes.setdefault(name, Lane(name, states))
@@ -211,6 +212,11 @@ class Trace:
     def _fill(columns: "list[array[float]]", samples: int) -> None:
         for column in columns:
             column.extend([nan] * (samples - len(column)))
+
+
+def _place_of(lane: str) -> int:
+    name = "Thread" if lane.startswith("Thread ") else lane
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
 
 def _name(names: type[IntEnum], number: int) -> str:

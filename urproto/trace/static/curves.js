@@ -189,7 +189,7 @@ const curves = (() => {
     pen.stroke();
   }
 
-  // Draws a vertical line at a time, with its label below unless there is no room for one.
+  // Draws a vertical line at a time, labelled: with the time below it.
   function drawCursor({ pen, area, style }, view, seconds, labelled = true) {
     const x = Math.round(area.left + ((seconds - view.left) / (view.right - view.left)) * area.width) + 0.5;
     pen.strokeStyle = style.getPropertyValue("--ink");
@@ -198,6 +198,18 @@ const curves = (() => {
     pen.moveTo(x, area.top);
     pen.lineTo(x, area.top + area.height);
     pen.stroke();
+    pen.setLineDash([]);
+    if (!labelled) return;
+    const text = `${seconds.toFixed(3)} s`;
+    const size = pen.measureText(text).width + 8;
+    const left = Math.min(Math.max(x - size / 2, area.left), area.left + area.width - size);
+    pen.fillStyle = style.getPropertyValue("--ink");
+    pen.fillRect(left, area.top + area.height + 2, size, 16);
+    pen.fillStyle = style.getPropertyValue("--panel");
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(text, left + size / 2, area.top + area.height + 10);
+  }
 
   return { MARGIN, begin, clipped, color, draw, drawCursor, nearest, rowAt };
 })();

@@ -7,6 +7,7 @@
   const STATES = ["#8fb8d8", "#a9cfa4", "#c9b3e0", "#e3cf8e", "#9ed3d6", "#e2b4c8", "#c3cb95", "#b7bdf0"];
   const LEVELS = { error: "#e57373", warning: "#f0b94d" };
   const SHOWN = 200; // events in the list
+  const STREAM = 1000; // a lane with more entries is in the list only when it is searched for
   const FIRST_CURVES = ["Joint positions", "Joint speeds", "TCP position"];
   const SAME_RAD = 0.001; // guess: angles that differ by less cannot be told apart in the picture
   const $ = (id) => document.getElementById(id);
@@ -15,7 +16,9 @@
 
   async function bytesOf(id) {
     const text = $(id).textContent.trim();
-    const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+    const letters = atob(text);
+    const packed = new Uint8Array(letters.length);
+    for (let i = 0; i < letters.length; i++) packed[i] = letters.charCodeAt(i);
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
     return new Uint8Array(await new Response(stream).arrayBuffer());
   }
@@ -286,7 +289,7 @@
   function search() {
     const word = $("search").value.trim().toLowerCase();
     const has = ({ text, detail, lane }) => `${lane.name} ${text} ${detail}`.toLowerCase().includes(word);
-    found = word ? all.filter(has) : all.filter(({ place }) => !place);
+    found = all.filter(word ? has : ({ place, lane }) => !place && lane.entries.length <= STREAM);
     const lines = word ? run.programs.flatMap((source) => source.split("\n").filter((line) => line.toLowerCase().includes(word))) : [];
     $("found").textContent = `${found.length} events${lines.length ? `, ${lines.length} lines of programs` : ""}`;
     first = -1;
