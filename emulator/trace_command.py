@@ -24,10 +24,14 @@ app = application(completion=False)
 def _trace(
     file: Annotated[Path, typer.Argument(help="A journal, a recording (.mcap, .csv, .npz), or the page of either.")],
     *,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The page to write (default: FILE.html).")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The page to write (default: FILE.html).")
+    ] = None,
     compare: Annotated[Path | None, typer.Option(help="A second such file: show its run over the first.")] = None,
     begin: Annotated[float, typer.Option("--from", metavar="SECONDS", help="Begin at this uptime.")] = 0.0,
-    end: Annotated[float, typer.Option("--to", metavar="SECONDS", help="End at this uptime (default: at the end).")] = inf,
+    end: Annotated[
+        float, typer.Option("--to", metavar="SECONDS", help="End at this uptime (default: at the end).")
+    ] = inf,
 ) -> None:
     """Show a recorded run as a page for browsers, which works without a network and a server."""
     try:

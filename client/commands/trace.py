@@ -14,7 +14,9 @@ from urproto.trace.page import packed, run_in, write_page
 
 def trace_command(
     file: Annotated[Path, typer.Argument(help="A recording (.mcap, .csv, .npz), or the page of one.")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The page to write (default: FILE.html).")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The page to write (default: FILE.html).")
+    ] = None,
     compare: Annotated[Path | None, typer.Option(help="A second such file: show its run over the first.")] = None,
     model: Annotated[
         str | None, typer.Option(help="The arm that was recorded, such as ur10e (default: recognised by its motion).")

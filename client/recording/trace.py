@@ -22,6 +22,8 @@ def trace_of(recording: Recording, title: str, model: RobotModel | None = None) 
     begin_s = float(recording["timestamp"][0])
     for time_s, state in zip(recording.time_s.tolist(), recording.states(), strict=True):
         trace.add(begin_s + time_s, state)
+        if "script_control_line" in state:
+            trace.state("Program line", begin_s + time_s, str(state["script_control_line"] or ""))
     trace.finish()
     return trace
 

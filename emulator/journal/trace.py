@@ -1,13 +1,12 @@
 """The trace of a recorded run: it is executed again, and what it does is taken down in each period."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from math import inf
 from pathlib import Path
 from typing import Any, Final
 
 from emulator.commands.requests import DashboardLine, InterpreterLine, RefusedScript, RTDEInputs, ScriptUnit
-from emulator.control.control import Control
 from emulator.controller import Controller
 from emulator.journal.file import Record, read_journal
 from emulator.journal.replay import Replay
@@ -17,7 +16,6 @@ from emulator.robotapi.server import RobotApiCall
 from emulator.snapshot import Snapshot
 from emulator.world.file import describe_object
 from urproto.trace.model import Trace
-from urproto.vectors import all_finite
 
 _LANES: Final[Mapping[type[Command], str]] = {
     DashboardLine: "Dashboard",
@@ -97,7 +95,9 @@ class _Tracer:
         for line in reversed(new):
             text = line.partition(" ")[2]
             error = _ERROR.match(text)
-            self.trace.event("Faults" if error else "Log", self.time_s, text[:_MAX_TEXT], "error" if error else "", text)
+            self.trace.event(
+                "Faults" if error else "Log", self.time_s, text[:_MAX_TEXT], "error" if error else "", text
+            )
 
     def _lines(self, controller: Controller) -> None:
         view = controller.programs.view
@@ -150,7 +150,9 @@ class _Messages:
     def flush(self) -> None:
         """Report the rest of a stream."""
         if self._stream:
-            self._event("RTDE inputs", self._stream_s, ", ".join(f"{name} = {value}" for name, value in self._stream.items()))
+            self._event(
+                "RTDE inputs", self._stream_s, ", ".join(f"{name} = {value}" for name, value in self._stream.items())
+            )
             self._stream.clear()
 
     def _take_verb(self, time_s: float, name: str, arguments: Any) -> None:
@@ -161,7 +163,8 @@ class _Messages:
 
     def _take_socket(self, time_s: float, number: int, state: str, failure: str, data: Any) -> None:
         received = decode(data, self._numbers)
-        text = f"socket {number} {state}{f': {failure}' if failure else ''}{f', received {received!r}' if received else ''}"
+        text = f"socket {number} {state}{f': {failure}' if failure else ''}"
+        text += f", received {received!r}" if received else ""
         self._event("Script sockets", time_s, text, "warning" if failure else "")
 
     def _take_unsent(self, time_s: float, number: int, send: int) -> None:

@@ -33,7 +33,18 @@ _MODES: Final[tuple[tuple[str, str, type[IntEnum]], ...]] = (
 _ALARMS: Final = ("STOP", "VIOLATION", "FAULT", "RECOVERY")  # in the names of safety modes
 _SIGNALS: Final = {"Inputs": ("actual_digital_input_bits", "I"), "Outputs": ("actual_digital_output_bits", "O")}
 _REGISTERS: Final = ("output_int_register", "output_double_register")
-_ORDER: Final = ("Safety mode", "Robot mode", "Program", "Thread", "Speed slider", "Faults", "Log", *_SIGNALS, "Setup")
+_ORDER: Final = (
+    "Safety mode",
+    "Robot mode",
+    "Program",
+    "Program line",
+    "Thread",
+    "Speed slider",
+    "Faults",
+    "Log",
+    *_SIGNALS,
+    "Setup",
+)
 _SETUP: Final = {"tcp_offset": "TCP", "payload": "payload [kg]", "payload_cog": "centre of gravity [m]"}
 _DIGITS: Final = 6
 _MAX_ENTRIES: Final = 20_000  # of a lane; guess: half a megabyte of a page
@@ -99,7 +110,9 @@ class Lane:
         if len(self.entries) < _MAX_ENTRIES:
             self.entries.append(entry)
         elif len(self.entries) == _MAX_ENTRIES:
-            self.entries.append(Entry(entry.time_s, f"more than {_MAX_ENTRIES} entries: the rest is left out", "warning"))
+            self.entries.append(
+                Entry(entry.time_s, f"more than {_MAX_ENTRIES} entries: the rest is left out", "warning")
+            )
 
 
 @dataclass

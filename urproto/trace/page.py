@@ -112,7 +112,9 @@ def write_page(path: Path, title: str, run: str, other: str = "") -> None:
 def _library() -> bytes:
     spec = find_spec("nicegui")
     if spec is None or not spec.submodule_search_locations:
-        raise TraceError(f"the 3D view of a trace is drawn by a library of the extra pendant: {how_to_install('pendant')}")
+        raise TraceError(
+            f"the 3D view of a trace is drawn by a library of the extra pendant: {how_to_install('pendant')}"
+        )
     return Path(spec.submodule_search_locations[0], _LIBRARY).read_bytes()
 
 
