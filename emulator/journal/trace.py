@@ -30,6 +30,8 @@ _ERROR: Final = re.compile(r"(C\d+A\d+|runtime exception|compile error) ")  # be
 _STREAM_S: Final = 0.02  # setpoints of a stream are reported together, this far apart
 _MAX_TEXT: Final = 200  # characters of an entry; its detail has more
 _MAX_DETAIL: Final = 4000
+_MAX_ARGUMENT: Final = 60
+_FAULTS: Final = ("inject_fault", "clear_fault", "clear_faults")  # verbs
 
 
 def trace_of(source: Path, begin_s: float = 0.0, end_s: float = inf) -> tuple[Trace, str]:
@@ -38,7 +40,7 @@ def trace_of(source: Path, begin_s: float = 0.0, end_s: float = inf) -> tuple[Tr
     Times are uptimes of the robot [s], as if it had never been switched off. Raises JournalError, OSError.
     """
     with Replay(source) as replay:
-        tracer = _Tracer(replay, str(source), begin_s, end_s)
+        tracer = _Tracer(replay, source.name, begin_s, end_s)
         replay.run(tracer.period)
         trace = tracer.trace
         difference = str(replay.difference or "")
@@ -157,9 +159,10 @@ class _Messages:
 
     def _take_verb(self, time_s: float, name: str, arguments: Any) -> None:
         given = decode(arguments, self._numbers)
-        text = f"{name}({', '.join(f'{key}={value!r}' for key, value in given.items())})"
-        fault = name in ("inject_fault", "clear_fault", "clear_faults")
-        self._event("Faults" if fault else "Control API", time_s, text, "warning" if fault else "")
+        shown = (f"{key}={value!r:.{_MAX_ARGUMENT}}" for key, value in given.items())
+        detail = "\n".join(value for value in given.values() if isinstance(value, str) and "\n" in value)
+        lane, level = ("Faults", "warning") if name in _FAULTS else ("Control API", "")
+        self._trace.event(lane, time_s, f"{name}({', '.join(shown)})"[:_MAX_TEXT], level, detail[:_MAX_DETAIL])
 
     def _take_socket(self, time_s: float, number: int, state: str, failure: str, data: Any) -> None:
         received = decode(data, self._numbers)

@@ -326,8 +326,15 @@
 
   // comparison
 
+  // The runs are laid over each other where their first programs start, or at their beginnings.
+  function startOf(one) {
+    const program = one.lanes.find(({ name }) => name === "Program");
+    return program?.entries.find(({ text }) => text === "PLAYING")?.time ?? one.time(0);
+  }
+
   function compare() {
-    other.shift = begin - other.time(0) + Number($("shift").value);
+    const both = runs.map(startOf);
+    other.shift = both[0] - both[1] + Number($("shift").value);
     const candidates = [firstJointDifference(), ...lanes.map(([one, its]) => firstStateDifference(one, its))];
     difference = candidates.filter(Boolean).sort((a, b) => a.time - b.time)[0] || null;
     $("difference").textContent = `Compared with ${other.title}: ${difference ? `first difference at ${difference.time.toFixed(3)} s, ${difference.text}` : "no difference"}.`;
@@ -339,10 +346,13 @@
     const [mine, its] = runs.map((one) => one.columns.actual_q);
     if (!mine || !its) return null;
     for (let i = 0; i < run.samples; i++) {
-      const j = other.row(run.time(i));
-      if (j < 0 || other.time(other.samples - 1) + other.shift < run.time(i)) continue;
-      const joint = mine.findIndex((column, k) => Math.abs(column[i] - its[k][j]) > SAME_RAD);
-      if (joint >= 0) return { time: run.time(i), text: `${run.curves[0].parts[joint]}: ${mine[joint][i].toFixed(4)} and ${its[joint][j].toFixed(4)} rad` };
+      const time = run.time(i);
+      const j = other.row(time);
+      if (j < 0 || j > other.samples - 2) continue;
+      const fraction = (time - other.shift - other.time(j)) / (other.time(j + 1) - other.time(j));
+      const angles = its.map((column) => column[j] + fraction * (column[j + 1] - column[j])); // its samples are at other times
+      const joint = mine.findIndex((column, k) => Math.abs(column[i] - angles[k]) > SAME_RAD);
+      if (joint >= 0) return { time, text: `${run.curves[0].parts[joint]}: ${mine[joint][i].toFixed(4)} and ${angles[joint].toFixed(4)} rad` };
     }
     return null;
   }
