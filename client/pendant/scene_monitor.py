@@ -36,7 +36,7 @@ class SceneSources:
 
 @dataclass(frozen=True, slots=True)
 class MonitoredScene:
-    """A scene and its collision checker. tcp_offset: flange to TCP (6,). objects: as in world files, for the 3D view."""
+    """A scene and its collision checker. tcp_offset: flange to TCP (6,). objects: as in world files, for 3D views."""
 
     scene: "PlanningScene"
     checker: "CollisionChecker"

@@ -147,24 +147,28 @@ def other_input(run):
     run.robot.step(200)
 
 
-STEPS = lambda periods: lambda run: run.robot.step(periods)  # noqa: E731
+def steps(periods):
+    return lambda run: run.robot.step(periods)
+
+
 FAILURES = {
     "a target that runs away": Failure(
-        "def fast():\n  q = get_actual_joint_positions()\n  while True:\n    q[0] = q[0] + 0.1\n    servoj(q)\n  end\nend",
-        STEPS(500),
+        "def fast():\n  q = get_target_joint_positions()\n"
+        "  while True:\n    q[0] = q[0] + 0.1\n    servoj(q)\n  end\nend\n",
+        steps(500),
         runaway_target,
     ),
     "a wrong TCP": Failure(
-        "def tool():\n  sleep(0.2)\n  set_tcp(p[0, 0, 0.3, 0, 0, 0])\n  sleep(1)\nend\n", STEPS(300), wrong_tcp
+        "def tool():\n  sleep(0.2)\n  set_tcp(p[0, 0, 0.3, 0, 0, 0])\n  sleep(1)\nend\n", steps(300), wrong_tcp
     ),
     "a forgotten wait": Failure(
         "def grip():\n  sleep(0.1)\n  set_standard_digital_out(0, True)\n  movej([0, -1.4, 1.5, -1.7, -1.5, 0])\nend\n",
-        STEPS(300),
+        steps(300),
         no_wait,
     ),
     "a silent peer": Failure(
         'def ask():\n  socket_open("10.0.0.1", 80)\n  line = socket_read_line(timeout=0)\nend\n',
-        STEPS(600),
+        steps(600),
         silent_peer,
         answers_nothing,
     ),
@@ -174,7 +178,7 @@ FAILURES = {
     "two threads that move": Failure(
         "def both():\n  thread other():\n    movej([0.5, -1.4, 1.5, -1.7, -1.5, 0])\n  end\n  run other()\n"
         "  sleep(0.1)\n  movej([0, -1.4, 1.5, -1.7, -1.5, 0])\nend\n",
-        STEPS(300),
+        steps(300),
         two_threads,
     ),
     "a speed slider at zero": Failure(
