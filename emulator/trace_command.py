@@ -53,14 +53,24 @@ def _packed(file: Path, begin_s: float, end_s: float) -> str:
         if difference:
             typer.echo(f"{file}: {difference}", err=True)
         return packed(trace)
-    return run_in(file) if file.suffix == ".html" else _recording(file)
+    return run_in(file) if file.suffix == ".html" else _recording(file, begin_s, end_s)
 
 
-def _recording(file: Path) -> str:
+def _recording(file: Path, begin_s: float, end_s: float) -> str:
     """A recording, which the client reads: in a process of its own, as the emulator does not import the client."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder, "page.html")
-        words = [*module_command("client"), "trace", str(file), "-o", str(page)]
+        words = [
+            *module_command("client"),
+            "trace",
+            str(file),
+            "-o",
+            str(page),
+            "--from",
+            str(begin_s),
+            "--to",
+            str(end_s),
+        ]
         done = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace")
         if done.returncode:
             raise TraceError(done.stderr.strip().removeprefix("ur-client: "))

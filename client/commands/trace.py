@@ -1,5 +1,6 @@
 """``ur-client trace``: a recording as a page, with the arm in 3D, a timeline and curves."""
 
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,10 @@ def trace_command(
         Path | None, typer.Option("-o", "--output", help="The page to write (default: FILE.html).")
     ] = None,
     compare: Annotated[Path | None, typer.Option(help="A second such file: show its run over the first.")] = None,
+    begin: Annotated[float, typer.Option("--from", metavar="SECONDS", help="Begin at this uptime.")] = 0.0,
+    end: Annotated[
+        float, typer.Option("--to", metavar="SECONDS", help="End at this uptime (default: at the end).")
+    ] = inf,
     model: Annotated[
         str | None, typer.Option(help="The arm that was recorded, such as ur10e (default: recognised by its motion).")
     ] = None,
@@ -28,13 +33,13 @@ def trace_command(
     """
     page = output or file.with_name(f"{file.name}.html")
     try:
-        write_page(page, file.name, *(_packed(one, model) for one in (file, compare) if one is not None))
+        write_page(page, file.name, *(_packed(one, model, begin, end) for one in (file, compare) if one is not None))
     except OSError as error:
         raise FileError(Path(error.filename or page), error.strerror or str(error)) from error
     typer.echo(f"{page}: {page.stat().st_size / 1e6:.1f} MB")
 
 
-def _packed(file: Path, model: str | None) -> str:
+def _packed(file: Path, model: str | None, begin_s: float, end_s: float) -> str:
     if file.suffix == ".html":
         return run_in(file)
-    return packed(trace_of(read_with_remarks(file), file.name, model_named(model) if model else None))
+    return packed(trace_of(read_with_remarks(file), file.name, model_named(model) if model else None, begin_s, end_s))

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from emulator.commands.requests import DashboardLine, InterpreterLine, RefusedScript, RTDEInputs, ScriptUnit
 from emulator.controller import Controller
-from emulator.journal.file import Record, read_journal
+from emulator.journal.file import DAMAGE, JournalError, Record, read_journal
 from emulator.journal.replay import Replay
 from emulator.journal.values import Numbers, decode
 from emulator.mailbox import Command
@@ -63,7 +63,7 @@ class _Tracer:
         controller = replay.controller
         self._replay = replay
         self._begin_s, self._end_s = begin_s, end_s
-        self._threads: set[str] = set()
+        self._lanes: set[str] = set()
         self._logged = ""
         self.start_s = self.time_s = controller.time_s
         about = f"{controller.model.title}, PolyScope {controller.version}"
@@ -103,10 +103,16 @@ class _Tracer:
 
     def _lines(self, controller: Controller) -> None:
         view = controller.programs.view
-        lines = dict(view.lines) if view is not None and view.running else {}
-        for thread in (*lines, *(self._threads - lines.keys())):
-            self.trace.line(thread, self.time_s, view.program.source if view else "", lines.get(thread, 0))
-        self._threads = set(lines)
+        lines: dict[str, int] = {}
+        for name, line in view.lines if view is not None and view.running else ():
+            lane, count = f"Thread {name}" if name else "Program line", 1
+            while lane in lines:
+                count += 1
+                lane = f"Thread {name} {count}"
+            lines[lane] = line
+        for lane in (*lines, *(self._lanes - lines.keys())):
+            self.trace.line(lane, self.time_s, view.program.source if view else "", lines.get(lane, 0))
+        self._lanes = set(lines)
 
 
 class _Messages:
@@ -124,7 +130,10 @@ class _Messages:
         """Take a record down. Raises JournalError."""
         _, kind, *content = record
         if (take := getattr(self, f"_take_{kind}", None)) is not None:
-            take(time_s, *content)
+            try:
+                take(time_s, *content)
+            except DAMAGE as error:
+                raise JournalError(f"the journal has a damaged record of the kind {kind}: {error}") from error
 
     def _event(self, lane: str, time_s: float, text: str, level: str = "") -> None:
         first = text.strip().partition("\n")[0][:_MAX_TEXT]

@@ -47,8 +47,7 @@ class ProgramView:
 
     @property
     def lines(self) -> tuple[tuple[str, int], ...]:
-        """Name of each thread, and the line that it is executing; 0 before its first."""
+        """Name of each thread, "" for the program's body, and the line that it is executing; 0 before its first."""
         return tuple(
-            (f"{thread.name.removeprefix('t_')}{f' {thread.id}' if thread.id else ''}", thread.line)
-            for thread in self._runtime.threads
+            (thread.name.removeprefix("t_") if thread.id else "", thread.line) for thread in self._runtime.threads
         )

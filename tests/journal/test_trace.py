@@ -63,7 +63,7 @@ def runaway_target(trace):
     assert stop.level == "error"
     fault = entry(trace, "Faults", r"^C150A0 joint 0 is at its position limit")
     assert abs(fault.time_s - stop.time_s) < 0.01
-    assert "servoj" in state_at(trace, "Thread fast", stop.time_s)
+    assert "servoj" in state_at(trace, "Program line", stop.time_s)
     speeds = [abs(trace.columns["target_qd"][0][i]) for i, time_s in enumerate(trace.times) if time_s <= stop.time_s]
     assert max(speeds) > 3.0
 
@@ -81,7 +81,7 @@ def wrong_tcp(trace):
 def no_wait(trace):
     """The arm leaves with the gripper's output in the same period, not half a second later."""
     grip = entry(trace, "Outputs", "DO0 high")
-    leaves = entry(trace, "Thread grip", "movej.*-1.4")
+    leaves = entry(trace, "Program line", "movej.*-1.4")
     assert abs(leaves.time_s - grip.time_s) < 0.01
 
 
@@ -89,7 +89,7 @@ def silent_peer(trace):
     """The socket is open, nothing is ever received, and the program waits in the line that reads."""
     assert any("socket 0 open" in text for text in texts(trace, "Script sockets"))
     assert not any("received" in text for text in texts(trace, "Script sockets"))
-    assert "socket_read_line" in state_at(trace, "Thread ask", trace.times[-1])
+    assert "socket_read_line" in state_at(trace, "Program line", trace.times[-1])
     assert state_at(trace, "Program", trace.times[-1]) == "PLAYING"
 
 
@@ -98,16 +98,15 @@ def input_never_comes(trace):
     assert texts(trace, "Inputs") == ["DI4 high"]
     assert entry(trace, "Control API", r"set_digital_input.*index=4")
     assert "get_standard_digital_in(5)" in trace.programs[0].split("\n")[1]
-    assert re.match(r"[23]:", state_at(trace, "Thread wait", trace.times[-1]))
+    assert re.match(r"[23]:", state_at(trace, "Program line", trace.times[-1]))
 
 
 def two_threads(trace):
     """Both threads are in a movement when the program ends with an exception that says so."""
     fault = entry(trace, "Faults", "runtime exception|C\\d+")
     before_s = fault.time_s - 0.01
-    threads = [lane for lane in trace.lanes if lane.startswith("Thread ")]
-    assert len(threads) == 2
-    assert any("movej" in state_at(trace, lane, before_s) for lane in threads)
+    assert "movej" in state_at(trace, "Thread other", before_s)
+    assert state_at(trace, "Program line", before_s).startswith("6: ")
     assert "thread" in fault.text.lower()
 
 

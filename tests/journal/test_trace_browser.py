@@ -181,7 +181,7 @@ def test_a_link_to_a_moment(page, file):
 
 def test_two_runs_are_compared(page):
     difference = page.evaluate("trace.difference()")
-    movej_ends_s = next(time for time, text in lane(page, "Thread pick") if "servoj" in text)
+    movej_ends_s = next(time for time, text in lane(page, "Program line") if "servoj" in text)
     assert movej_ends_s <= difference["time"] < stop_time(page)
     expect(page.locator("#difference")).to_contain_text(f"first difference at {difference['time']:.3f} s, Base:")
     page.locator("#there").click()

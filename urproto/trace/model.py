@@ -179,18 +179,18 @@ class Trace:
         """Add the beginning of a state to a lane, unless it has begun already."""
         self._lane(lane, states=True).add(Entry(time_s, text, level, "", place))
 
-    def line(self, thread: str, time_s: float, source: str, line: int) -> None:
-        """Add the line of a program that a thread is executing; 0 if it is over."""
-        if not self._changed(f"line {thread}", (source, line)):
+    def line(self, lane: str, time_s: float, source: str, line: int) -> None:
+        """Add the line of a program that the thread of a lane is executing; 0 if it is over."""
+        if not self._changed(f"line of {lane}", (source, line)):
             return
         if not line:
-            self.state(f"Thread {thread}", time_s, "")
+            self.state(lane, time_s, "")
             return
         if source not in self.programs:
             self.programs.append(source)
         number = self.programs.index(source)
         text = source.split("\n")[line - 1].strip()[:_SHOWN]
-        self.state(f"Thread {thread}", time_s, f"{line}: {text}", "", (number, line))
+        self.state(lane, time_s, f"{line}: {text}", "", (number, line))
 
     def finish(self) -> None:
         """Complete the columns of what is no longer there, and put the events in order."""
