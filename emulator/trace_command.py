@@ -13,7 +13,7 @@ from emulator.journal.trace import trace_of
 from urproto.commandline import application
 from urproto.compat import module_command
 from urproto.trace.model import TraceError
-from urproto.trace.page import packed, run_in, write_page
+from urproto.trace.page import make_page, packed, run_in
 
 _USAGE_ERROR: Final = 2
 
@@ -24,36 +24,28 @@ app = application(completion=False)
 def _trace(
     file: Annotated[Path, typer.Argument(help="A journal, a recording (.mcap, .csv, .npz), or the page of either.")],
     *,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="The page to write (default: FILE.html).")
-    ] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="The page (default: FILE.html).")] = None,
     compare: Annotated[Path | None, typer.Option(help="A second such file: show its run over the first.")] = None,
     begin: Annotated[float, typer.Option("--from", metavar="SECONDS", help="Begin at this uptime.")] = 0.0,
-    end: Annotated[
-        float, typer.Option("--to", metavar="SECONDS", help="End at this uptime (default: at the end).")
-    ] = inf,
+    end: Annotated[float, typer.Option("--to", metavar="SECONDS", help="End at this uptime.")] = inf,
 ) -> None:
     """Show a recorded run as a page for browsers, which works without a network and a server."""
     try:
-        runs = [_packed(one, begin, end) for one in (file, compare) if one is not None]
-        page = output or file.with_name(f"{file.name}.html")
-        write_page(page, file.name, *runs)
+        typer.echo(make_page(file, output, compare, lambda one: _packed(one, begin, end)))
     except ValueError as error:
         _fail(str(error))
     except OSError as error:
         _fail(f"{error.filename or file}: {error.strerror}")
-    typer.echo(f"{page}: {page.stat().st_size / 1e6:.1f} MB")
 
 
 def _packed(file: Path, begin_s: float, end_s: float) -> str:
     with file.open("rb") as opened:
-        is_journal = opened.read(len(MAGIC)) == MAGIC
-    if is_journal:
-        trace, difference = trace_of(file, begin_s, end_s)
-        if difference:
-            typer.echo(f"{file}: {difference}", err=True)
-        return packed(trace)
-    return run_in(file) if file.suffix == ".html" else _recording(file, begin_s, end_s)
+        if opened.read(len(MAGIC)) != MAGIC:
+            return _recording(file, begin_s, end_s)
+    trace, difference = trace_of(file, begin_s, end_s)
+    if difference:
+        typer.echo(f"{file}: {difference}", err=True)
+    return packed(trace)
 
 
 def _recording(file: Path, begin_s: float, end_s: float) -> str:

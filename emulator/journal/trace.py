@@ -161,9 +161,8 @@ class _Messages:
     def flush(self) -> None:
         """Report the rest of a stream."""
         if self._stream:
-            self._event(
-                "RTDE inputs", self._stream_s, ", ".join(f"{name} = {value}" for name, value in self._stream.items())
-            )
+            text = ", ".join(f"{name} = {value}" for name, value in self._stream.items())
+            self._event("RTDE inputs", self._stream_s, text)
             self._stream.clear()
 
     def _take_verb(self, time_s: float, name: str, arguments: Any) -> None:

@@ -18,7 +18,7 @@ from client.recording.files import Recorder
 from emulator.commands.requests import DashboardLine, RTDEInputs
 from emulator.journal.trace import trace_of
 from emulator.services.sockets import MemorySockets
-from urproto.trace.model import Trace
+from urproto.trace.model import Trace, TraceError
 from urproto.trace.page import packed, run_in, write_page
 
 
@@ -295,6 +295,12 @@ def called(*words, module="emulator"):
     output = done.stdout + done.stderr
     assert output.count("\n") == 1, output
     return done.returncode, output.strip()
+
+
+def test_a_page_without_its_library_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr("urproto.trace.page.find_spec", lambda name: None)
+    with pytest.raises(TraceError, match=r"of the extra pendant: .*\[pendant\]"):
+        write_page(tmp_path / "page.html", "x", "")
 
 
 def damaged_journal(path):

@@ -8,9 +8,10 @@ from playwright.sync_api import Page, expect, sync_playwright
 
 from emulator.journal.trace import trace_of
 from tests.browser import CHROMIUM, FLAGS, violations
+from tests.conftest import IN_REAL_TIME
 from urproto.trace.page import packed, write_page
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group(IN_REAL_TIME)]  # one browser at a time
 TIMEOUT_S = 45.0  # long enough under load
 PROGRAM = """def pick():
   textmsg("begin")
@@ -50,8 +51,6 @@ def file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser():
-    if CHROMIUM is None:
-        pytest.skip("there is no Chromium")
     with sync_playwright() as running:
         browser = running.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield browser

@@ -18,7 +18,6 @@ from typing import Any, Final, NamedTuple
 from urproto.errors import URError
 from urproto.joints import JOINT_TITLES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
-from urproto.robots.calibration import Chain
 from urproto.robots.model import RobotModel
 from urproto.signals import SIGNALS, digital_signal
 
@@ -26,25 +25,14 @@ PERIOD_S: Final = 0.008
 """Time between two samples of the curves, at least."""
 
 _MODES: Final[tuple[tuple[str, str, type[IntEnum]], ...]] = (
-    ("Robot mode", "robot_mode", RobotMode),
     ("Safety mode", "safety_mode", SafetyMode),
+    ("Robot mode", "robot_mode", RobotMode),
     ("Program", "runtime_state", RuntimeState),
 )
 _ALARMS: Final = ("STOP", "VIOLATION", "FAULT", "RECOVERY")  # in the names of safety modes
 _SIGNALS: Final = {"Inputs": ("actual_digital_input_bits", "I"), "Outputs": ("actual_digital_output_bits", "O")}
 _REGISTERS: Final = ("output_int_register", "output_double_register")
-_ORDER: Final = (
-    "Safety mode",
-    "Robot mode",
-    "Program",
-    "Program line",
-    "Thread",
-    "Speed slider",
-    "Faults",
-    "Log",
-    *_SIGNALS,
-    "Setup",
-)
+_ORDER: Final = (*(lane for lane, _, _ in _MODES), "Program line", "Thread", "Speed slider", "Faults", "Log", *_SIGNALS)
 _SETUP: Final = {"tcp_offset": "TCP", "payload": "payload [kg]", "payload_cog": "centre of gravity [m]"}
 _DIGITS: Final = 6
 _MAX_ENTRIES: Final = 20_000  # of a lane; guess: half a megabyte of a page
@@ -110,14 +98,12 @@ class Lane:
         if len(self.entries) < _MAX_ENTRIES:
             self.entries.append(entry)
         elif len(self.entries) == _MAX_ENTRIES:
-            self.entries.append(
-                Entry(entry.time_s, f"more than {_MAX_ENTRIES} entries: the rest is left out", "warning")
-            )
+            self.entries.append(Entry(entry.time_s, f"{_MAX_ENTRIES} entries: the rest is left out", "warning"))
 
 
 @dataclass
 class Trace:
-    """A run. title, about: what it is of. model: the arm, None if it is not known; chain: its frames, if calibrated.
+    """A run. title, about: what it is of. model: the arm, None if it is not known.
 
     times: of the samples [s], uptime of the robot. columns: of each RTDE output, an array for each element. objects:
     around the arm, as in world files; the columns of their poses are named "object NAME".
@@ -126,7 +112,6 @@ class Trace:
     title: str
     about: str
     model: RobotModel | None = None
-    chain: Chain | None = None
     times: "array[float]" = field(default_factory=lambda: array("d"))
     columns: dict[str, "list[array[float]]"] = field(default_factory=dict)
     lanes: dict[str, Lane] = field(default_factory=dict)

@@ -12,6 +12,7 @@ import sys
 import zlib
 from array import array
 from base64 import b64decode, b64encode
+from collections.abc import Callable
 from html import escape
 from importlib.util import find_spec
 from itertools import pairwise
@@ -55,7 +56,7 @@ def _differences(column: "array[int]") -> bytes:
 
 def _header(trace: Trace) -> dict[str, Any]:
     model = trace.model
-    chain = trace.chain or (chain_of(model.calibration or model.dh) if model else ())
+    chain = chain_of(model.calibration or model.dh) if model else ()
     return {
         "title": trace.title,
         "about": trace.about,
@@ -93,6 +94,17 @@ def run_in(page: Path) -> str:
     except (ValueError, zlib.error) as error:
         raise TraceError(f"{page} is not the page of a trace") from error
     return found[1] if found else ""
+
+
+def make_page(file: Path, output: Path | None, compare: Path | None, pack: Callable[[Path], str]) -> str:
+    """Write the page of a file, next to it by default, or of two to compare; returns what to say about it.
+
+    pack: packs the run of a file that is not a page. Raises TraceError, OSError, and what pack raises.
+    """
+    runs = [run_in(one) if one.suffix == ".html" else pack(one) for one in (file, compare) if one is not None]
+    path = output or file.with_name(f"{file.name}.html")
+    write_page(path, file.name, *runs)
+    return f"{path}: {path.stat().st_size / 1e6:.1f} MB"
 
 
 def write_page(path: Path, title: str, run: str, other: str = "") -> None:

@@ -11,6 +11,11 @@
   const FIRST_CURVES = ["Joint positions", "Joint speeds", "TCP position"];
   const SAME_RAD = 0.001; // guess: angles that differ by less cannot be told apart in the picture
   const $ = (id) => document.getElementById(id);
+  const make = (tag, properties, ...children) => {
+    const element = Object.assign(document.createElement(tag), properties);
+    element.append(...children);
+    return element;
+  };
 
   // data
 
@@ -198,31 +203,19 @@
   let panes = [];
   function buildPanes() {
     panes = run.curves.filter(({ title }) => shown.has(title)).map((set) => {
-      const pane = document.createElement("div");
-      pane.className = "pane";
-      const title = document.createElement("h2");
-      title.textContent = set.unit ? `${set.title} [${set.unit}]` : set.title;
-      const legend = document.createElement("div");
-      legend.className = "legend";
-      legend.append(title);
-      const values = set.parts.map((part, index) => {
-        const button = document.createElement("button");
-        button.append(document.createElement("i"), part, document.createElement("b"));
+      const buttons = set.parts.map((part, index) => {
+        const button = make("button", { ariaPressed: String(!hidden.has(part)) }, make("i"), part, make("b"));
         button.firstChild.style.background = curves.color(index);
-        button.setAttribute("aria-pressed", String(!hidden.has(part)));
         button.onclick = () => {
           if (!hidden.delete(part)) hidden.add(part);
           buildPanes();
         };
-        legend.append(button);
-        return button.lastChild;
+        return button;
       });
-      const canvas = document.createElement("canvas");
-      canvas.role = "img";
-      canvas.ariaLabel = `${set.title} over time; the values at the cursor are in the legend`;
+      const legend = make("div", { className: "legend" }, make("h2", {}, set.unit ? `${set.title} [${set.unit}]` : set.title), ...buttons);
+      const canvas = make("canvas", { role: "img", ariaLabel: `${set.title} over time; the values at the cursor are in the legend` });
       watch(canvas);
-      pane.append(legend, canvas);
-      return { set, pane, canvas, values };
+      return { set, canvas, pane: make("div", { className: "pane" }, legend, canvas), values: buttons.map((button) => button.lastChild) };
     });
     $("panes").replaceChildren(...panes.map(({ pane }) => pane));
     draw();
@@ -265,12 +258,8 @@
     const places = threads.map((lane) => lastOf(lane, now)?.place).filter(Boolean);
     const number = places[0]?.[0] ?? (listed < 0 && run.programs.length ? 0 : listed);
     if (number !== listed) {
-      const lines = (run.programs[number] || "").split("\n").map((text, i) => {
-        const line = document.createElement("div");
-        line.textContent = `${String(i + 1).padStart(4)}  ${text}`;
-        return line;
-      });
-      $("source").replaceChildren(...lines);
+      const lines = (run.programs[number] || "").split("\n");
+      $("source").replaceChildren(...lines.map((text, i) => make("div", {}, `${String(i + 1).padStart(4)}  ${text}`)));
       listed = number;
     }
     const current = new Set(places.filter(([program]) => program === listed).map(([, line]) => line));
@@ -309,19 +298,8 @@
   }
 
   function row(entry) {
-    const button = document.createElement("button");
-    const time = document.createElement("span");
-    time.textContent = entry.time.toFixed(3);
-    const text = document.createElement("span");
-    text.className = entry.level;
-    const lane = document.createElement("small");
-    lane.textContent = `${entry.lane.name}: `;
-    text.append(lane, entry.text);
-    button.append(time, text);
-    button.onclick = () => select(entry);
-    const item = document.createElement("li");
-    item.append(button);
-    return item;
+    const text = make("span", { className: entry.level }, make("small", {}, `${entry.lane.name}: `), entry.text);
+    return make("li", {}, make("button", { onclick: () => select(entry) }, make("span", {}, entry.time.toFixed(3)), text));
   }
 
   // comparison
@@ -417,17 +395,12 @@
 
   for (const { title, actual, target } of run.curves) {
     if (!run.columns[actual] && !run.columns[target]) continue;
-    const box = document.createElement("input");
-    box.type = "checkbox";
-    box.checked = shown.has(title);
+    const box = make("input", { type: "checkbox", checked: shown.has(title) });
     box.onchange = () => {
-      if (box.checked) shown.add(title);
-      else shown.delete(title);
+      if (!shown.delete(title)) shown.add(title);
       buildPanes();
     };
-    const label = document.createElement("label");
-    label.append(box, title);
-    $("choice").append(label);
+    $("choice").append(make("label", {}, box, title));
   }
   $("about").textContent = `${run.about}: ${begin.toFixed(3)} s to ${end.toFixed(3)} s`;
   $("comparison").hidden = !other;
@@ -444,9 +417,7 @@
     three = traceScene.build(THREE, OrbitControls, $("view"), runs);
     draw();
   } catch (error) {
-    const note = document.createElement("p");
-    note.textContent = `No 3D view: ${error.message}`;
-    $("view").append(note);
+    $("view").append(make("p", {}, `No 3D view: ${error.message}`));
   }
   window.trace = { run, other, go, now: () => now, view: () => view, arms: () => three?.arms, difference: () => difference };
   document.body.dataset.ready = "true";
