@@ -1,8 +1,10 @@
-"""Takes the pictures of docs/pendant.md and docs/teaching.md: a browser looks at every screen, and at a class page.
+"""Takes the pictures of docs/pendant.md, docs/teaching.md and docs/journal.md: a browser looks at every screen, at a
+class page and at traces.
 
 python docs/screenshots.py        # wants Chromium, and the extras pendant and test
 """
 
+import re
 import shutil
 import socket
 import sys
@@ -18,8 +20,13 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile, SavedDraft
+from emulator.journal.file import MemorySink
+from emulator.journal.recorder import record
+from emulator.journal.trace import trace_of
+from emulator.virtual import virtual_robot
 from urproto.robots import kinematics_of, load_model
 from urproto.testing.process import EmulatorProcess
+from urproto.trace.page import packed, write_page
 
 IMAGES = Path(__file__).with_name("images")
 SIZE = {"width": 1280, "height": 800}
@@ -82,6 +89,7 @@ def main() -> None:
                 with _manager(robot):
                     look("controllers", act=lambda page: page.get_by_test_id("sliders-enable").click())
                 class_page(browser)
+                traces(browser, Path(folder))
                 browser.close()
 
 
@@ -158,6 +166,32 @@ def class_page(browser: Browser) -> None:
         page.screenshot(path=IMAGES / "class_page.png")
         page.close()
         fleet.terminate()
+
+
+def traces(browser: Browser, folder: Path) -> None:
+    """The case of docs/journal.md: its program, and the mended one over it."""
+    found = re.search(r"```urscript\n(.*?)```", Path(__file__).with_name("journal.md").read_text(), re.DOTALL)
+    assert found is not None
+    runs = []
+    for name, program in (("run", found[1]), ("mended", found[1].replace("+ 0.05", "+ 0.05 * get_steptime()"))):
+        robot = virtual_robot("ur5e", running=True)
+        recorder = record(robot, MemorySink())
+        robot.send_script(program)
+        robot.step(2500)
+        journal = folder / f"{name}.journal"
+        journal.write_bytes(recorder.journal)
+        runs.append(packed(trace_of(journal)[0]))
+    for name, shown in (("trace", runs[:1]), ("trace_compared", runs)):
+        write_page(folder / "page.html", "run.journal", *shown)
+        page = browser.new_page(viewport={"width": 1366, "height": 768})
+        page.goto((folder / "page.html").as_uri())
+        page.wait_for_selector("body[data-ready]")
+        page.get_by_label("Search").fill("C150")
+        page.locator("#events button").click()
+        page.get_by_label("Search").fill("")
+        page.wait_for_timeout(SETTLE_MS)
+        page.screenshot(path=IMAGES / f"{name}.png")
+        page.close()
 
 
 @contextmanager

@@ -86,3 +86,6 @@ app.command("ctl", cls=Deferred, help="Use the control API of a running emulator
 app.command("replay", cls=Deferred, help="Execute a recorded run again, compare it, and go on from any moment of it.")(
     load_from("emulator.replay_command:app")
 )
+app.command("trace", cls=Deferred, help="Show a recorded run as a page for browsers: the arm, a timeline, curves.")(
+    load_from("emulator.trace_command:app")
+)

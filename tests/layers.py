@@ -26,7 +26,7 @@ EMULATOR_LEVELS = (
     ("app", "batch", "peers", "check", "ctl", "facts_command", "options"),
     ("first_screen", "pendant_process", "script_run", "script_options", "branches"),
     ("serve", "scripttest", "virtual"),
-    ("script_cli", "learning", "replay_command"),
+    ("script_cli", "learning", "replay_command", "trace_command"),
     ("fleet", "campaign", "explore"),
     ("cli",),
     ("__main__",),

@@ -104,6 +104,7 @@ THIRD_PARTY = {
         "emulator.ctl",
         "emulator.facts_command",
         "emulator.replay_command",
+        "emulator.trace_command",
         "emulator.campaign.command",
         "emulator.fleet.command",
         "client.cli",

@@ -21,11 +21,11 @@ from nicegui import app, ui
 from nicegui.elements.scene.scene_object3d import Object3D
 
 from client.calibration import parameters
-from client.pendant.arm_shapes import Part, link_parts
 from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.primary.state import KinematicsInfo
 from urproto.robots import CalibrationError
+from urproto.robots.arm_shapes import Part, link_parts
 from urproto.robots.calibration import Chain, chain_of
 from urproto.robots.description import joint_frames
 from urproto.robots.meshes import MissingMeshesError, PlacedMesh, mesh_file, placed_meshes

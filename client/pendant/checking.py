@@ -1,45 +1,27 @@
 """Checks a script with ``urscript check`` in a separate process.
 
-Like an editor, the client runs the command and does not import the URScript packages. Checking a long script therefore
-delays neither the motion of the arm nor the pages.
+Like an editor, the client runs the command and does not import the URScript packages.
 """
 
 import asyncio
-import os
-import sys
 from collections.abc import Callable
 from typing import Final
 
+from client.pendant import processes
 from client.pendant.draft import Draft, ScriptError
 from client.programs import CheckerError, checker_command, read_problems
-from urproto.compat_asyncio import timeout
 from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion
 
 _DEBOUNCE_S: Final = 0.5  # guess: an author who pauses for so long wants the result
 _POLL_PERIOD_S: Final = 0.2
 _TIMEOUT_S: Final = 20.0  # guess: 2 MB take a tenth of this
-_NICENESS: Final = 10  # a robot on the same machine has priority
 
 
 async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]:
     """Check a script for a controller of this version; returns all problems. Raises CheckerError, TimeoutError."""
-    process = await asyncio.create_subprocess_exec(
-        *checker_command(version),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    try:
-        if sys.platform != "win32":
-            os.setpriority(os.PRIO_PROCESS, process.pid, _NICENESS)
-        async with timeout(_TIMEOUT_S):
-            output, error_output = await process.communicate(to_bytes(text))
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-    problems = read_problems(process.returncode, output, error_output)
+    done = await processes.run(checker_command(version), to_bytes(text), _TIMEOUT_S)
+    problems = read_problems(*done)
     return tuple(
         ScriptError(problem.line, problem.column, problem.message, "check", "warning" if problem.warning else "error")
         for problem in problems

@@ -15,7 +15,7 @@ from client.calibration import require_model
 from client.errors import MissingExtraError, SceneError
 from urproto.errors import URError
 from urproto.primary.state import ConfigurationData, KinematicsInfo
-from urproto.robots.pose import pose_trans, rotvec_to_matrix
+from urproto.robots.pose import pose_trans
 from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class SceneSources:
 
 @dataclass(frozen=True, slots=True)
 class MonitoredScene:
-    """A scene and its collision checker. tcp_offset: flange to TCP (6,). objects: for static/screen_arm.js."""
+    """A scene and its collision checker. tcp_offset: flange to TCP (6,). objects: as in world files, for 3D views."""
 
     scene: "PlanningScene"
     checker: "CollisionChecker"
@@ -130,14 +130,7 @@ def _shape(name: str, description: Mapping[str, Any]) -> "Shape":
 
 
 def _object_data(name: str, obj: "SceneObject") -> dict[str, Any]:
-    rotation = list(rotvec_to_matrix(*obj.pose[3:]))
-    return {
-        "name": name,
-        **_shape_data(obj.shape),
-        "pose": list(obj.pose),
-        "rotation": rotation,
-        "attached": obj.attached,
-    }
+    return {"name": name, **_shape_data(obj.shape), "pose": list(obj.pose), "attached": obj.attached}
 
 
 def _shape_data(shape: "Shape") -> dict[str, Any]:

@@ -22,10 +22,12 @@ from client.pendant.screens import SCREENS
 from client.pendant.station import Station
 from client.pendant.web_security import BROWSERS, Gate, InvalidMessages, guard_events, shorten_library_logs
 from urproto.backdoors import BackdoorMark
+from urproto.trace import STATIC
 
 _STATIC: Final = Path(__file__).with_name("static")
 _STYLESHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
-_SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))
+_SHARED: Final = ("curves.js", "shapes.js")  # with the pages of traces
+_SCRIPTS: Final = ("pendant.js", *_SHARED, *sorted(path.name for path in _STATIC.glob("screen_*.js")))
 _PROCESS_TOKEN: Final = secrets.token_hex(8)  # differs in each process, so that pages detect a restart
 _NO_SUCH_PAGE: Final = 1008
 _MAX_MESSAGE_BYTES: Final = 1_000_000  # the most that NiceGUI's pages send over a web socket
@@ -53,6 +55,8 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None], key
 
     app.on_startup(start)
     app.on_shutdown(exit_stack.aclose)
+    for name in _SHARED:
+        app.add_static_file(local_file=STATIC / name, url_path=f"/pendant/{name}")
     app.add_static_files("/pendant", _STATIC)
     app.config.quasar_config["loadingBar"]["skipHijack"] = True  # no unlabelled progress bar for each fetched file
     invalid_messages = InvalidMessages()

@@ -24,6 +24,9 @@ MOST_IN_MEMORY: Final = 32 * 1024 * 1024
 """Bytes of a journal that is kept in memory; guess: forty minutes of a stream of setpoints."""
 Record = list[Any]
 
+DAMAGE: Final = (TypeError, LookupError, AttributeError)
+"""Errors of records that no recorder has written."""
+
 
 class JournalError(ValueError):
     """A file that is not a journal, or a damaged one."""
@@ -145,6 +148,6 @@ def _records(stream: BinaryIO) -> Iterator[Record]:
             raise ValueError("the checksum of a frame is wrong")
         for line in zlib.decompress(content).decode().splitlines():
             record = json.loads(line)
-            if not isinstance(record, list) or len(record) < 2:
+            if not isinstance(record, list) or list(map(type, record[:2])) != [int, str]:
                 raise ValueError(f"{line[:100]} is not a record")
             yield record

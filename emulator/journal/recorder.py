@@ -274,11 +274,10 @@ class Recorder:
         for record in self._late:
             self._add(record)
         self._late.clear()
-        if not self._checked:
-            return
-        self._checksums.append(self._sums.of(snapshot))
+        if self._checked:
+            self._checksums.append(self._sums.of(snapshot))
         if self.periods % self._second == 0:
-            self._end_second(snapshot)
+            self._end_second(snapshot if self._checked else None)
 
     def _look_outside(self) -> None:
         if self._sockets is not None:

@@ -19,7 +19,7 @@ from emulator.controller import Controller
 from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.doors import ReplayedDevice, ReplayedModbus, ReplayedSockets, plain_values
-from emulator.journal.file import FORMAT, JournalError, Record, Sink, read_journal
+from emulator.journal.file import DAMAGE, FORMAT, JournalError, Record, Sink, read_journal
 from emulator.journal.recorder import Checksums, Recorder, product_version, record
 from emulator.journal.values import JournalValueError, Numbers, decode
 from emulator.machine import ControllerConfig
@@ -29,6 +29,7 @@ from urproto.controlapi import BadArguments, NotPossible
 from urproto.durable import write_file
 
 _MOST_NAMED: Final = 5  # values that differ
+_GAP_S: Final = 2.0  # between records, of which there is one each second at least
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,18 @@ class Replay:
     def __init__(self, source: Path | bytes, *, again: Sink | None = None, checked: bool = True) -> None:
         self._records = read_journal(source)
         first = next(self._records, None)
-        if first is None or first[1] != "run" or first[2].get("format") != FORMAT:
+        header = first[2] if first is not None and first[1] == "run" and len(first) > 2 else None
+        if not isinstance(header, dict) or header.get("format") != FORMAT:
             raise JournalError("the journal has no beginning")
-        self.header: dict[str, Any] = first[2]
-        if self.header["problem"]:
-            raise JournalError(f"the run cannot be replayed: {self.header['problem']}")
+        self.header: dict[str, Any] = header
+        if problem := self.header.get("problem"):
+            raise JournalError(f"the run cannot be replayed: {problem}")
         with ExitStack() as kept:
-            folder = kept.enter_context(tempfile.TemporaryDirectory(prefix="ur-emulator-replay-"))
-            self.config = self._config(Path(folder))
+            self._folder = Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="ur-emulator-replay-")))
+            try:
+                self.config = self._config()
+            except DAMAGE as error:
+                raise JournalError(f"the beginning of the journal is damaged: {error}") from error
             self._kept = kept.pop_all()
         self.periods = 0
         self.difference: Difference | None = None
@@ -98,6 +103,8 @@ class Replay:
         Raises JournalError for a record that cannot be executed.
         """
         for entry in self._records:
+            if (entry[0] - self.periods) * self.controller.period_s > _GAP_S:
+                raise JournalError(f"the journal has nothing between period {self.periods} and period {entry[0]}")
             while self.periods < entry[0]:
                 self._tick()
                 if until is not None and until(self.controller.snapshot):
@@ -122,26 +129,31 @@ class Replay:
 
     # the run's beginning
 
-    def _config(self, root: Path) -> ControllerConfig:
+    def _config(self) -> ControllerConfig:
         for option, files in self.header["files"].items():
             for name, content in files.items():
-                self._write_file(root / option, name, b64decode(content))
+                self._write_file(f"{option}/{name}", b64decode(content))
         options = dict(self.header["options"])
         for name, value in options.items():
             if isinstance(value, dict) and "folder" in value:
-                (root / value["folder"]).mkdir(exist_ok=True)
-                options[name] = root / value["folder"] / value.get("file", "")
+                self._path(name).mkdir(exist_ok=True)
+                options[name] = self._path(f"{name}/{value.get('file', '')}")
         options["wall_clock_s"] = self.header["wall_clock_s"]
         try:
             return controller_config(self.header["model"], **options)
         except (ConfigError, TypeError) as error:
             raise JournalError(f"this version of ur-emulator cannot make the robot of the run: {error}") from error
 
-    @staticmethod
-    def _write_file(folder: Path, name: str, content: bytes) -> None:
+    def _path(self, name: str) -> Path:
+        """Where a file of the run is."""
+        folder = self._folder.resolve()
         path = (folder / name).resolve()
-        if not path.is_relative_to(folder.resolve()):
+        if not path.is_relative_to(folder):
             raise JournalError(f"the journal names a file outside of its folder: {name}")
+        return path
+
+    def _write_file(self, name: str, content: bytes) -> None:
+        path = self._path(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, content)
 
@@ -175,6 +187,8 @@ class Replay:
             apply(*content)
         except JournalValueError as error:
             raise JournalError(str(error)) from error
+        except DAMAGE as error:
+            raise JournalError(f"the journal has a damaged record of the kind {kind}: {error}") from error
 
     def _apply_post(self, content: Any) -> None:
         self.controller.post(decode(content, self._numbers))
@@ -183,7 +197,7 @@ class Replay:
         number, self._verbs = self._verbs, self._verbs + 1
         given = decode(arguments, self._numbers)
         try:
-            result = getattr(self._control, name)(**given)
+            result = vars(self._control)[name](**given)  # which has nothing else that can be called
         except NotPossible:
             if name == "inject_fault":
                 self.faults.skip()  # of ports: what it did to messages is in the journal
@@ -213,8 +227,7 @@ class Replay:
         self._device.expect(self.periods, decode(data, self._numbers))
 
     def _apply_file(self, name: str, content: Any) -> None:
-        assert self.config.programs_dir is not None
-        self._write_file(self.config.programs_dir, name, decode(content, self._numbers))
+        self._write_file(f"programs/{name}", decode(content, self._numbers))
 
     def _apply_reboot(self, boot_s: float, periods_off: int) -> None:
         self.controller.programs.stop("the controller was off")

@@ -44,3 +44,10 @@ class ProgramView:
             ProgramThread(*(thread.label or (0, "")), thread.name.removeprefix("t_"))
             for thread in self._runtime.threads
         )
+
+    @property
+    def lines(self) -> tuple[tuple[str, int], ...]:
+        """Name of each thread, "" for the program's body, and the line that it is executing; 0 before its first."""
+        return tuple(
+            (thread.name.removeprefix("t_") if thread.id else "", thread.line) for thread in self._runtime.threads
+        )

@@ -205,7 +205,12 @@ def with_record(*content):
         (begun(problem="it was not made from options"), "cannot be replayed: it was not made from options"),
         (begun(options={"polyscope": "99.0"}), "cannot make the robot"),
         (begun(files={"programs": {"../../x": ""}}), "outside of its folder"),
+        (begun(files={"../../x": {"y": ""}}), "outside of its folder"),
+        (begun(options={"world": {"folder": "world", "file": "../../x"}}), "outside of its folder"),
+        (begun(files=1), "the beginning of the journal is damaged"),
         (with_record("telepathy", 1), "unknown kind, 'telepathy'"),
+        (with_record("verb", "__init__", {"@m": []}), "damaged record of the kind verb"),
+        (lambda records: [records[0], [10**15, "left", 1]], "has nothing between period 0 and"),
         (with_record("post", {"@": "Popen", "args": "x"}), "unknown value"),
     ],
 )

@@ -6,8 +6,6 @@ robot, pendant and their files are replaced, so that the next test does not find
 """
 
 import math
-import os
-import shutil
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -18,17 +16,12 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, Playwright, expect, sync_playwright
 
+from tests.browser import CHROMIUM, FLAGS
 from tests.conftest import IN_REAL_TIME
 from tests.pendant.pendants import pendant
 from urproto.testing.process import EmulatorProcess
 
 HERE = Path(__file__).resolve().parent
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = [
-    *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
-    *("--disable-sync", "--use-gl=angle", "--use-angle=swiftshader-webgl", "--enable-unsafe-swiftshader"),
-    *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
-]
 # One frame every 0.2 s instead of 30 per second: without a GPU, the processor draws the arm.
 SLOW_FRAMES = """
 window.requestAnimationFrame = callback => setTimeout(() => callback(performance.now()), 200);

@@ -5,24 +5,16 @@ The screens and their views are found on the page, so new ones are tested withou
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
-from pathlib import Path
 from typing import Any
 
-import axe_playwright_python
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from client.pendant.screens import SCREENS
+from tests.browser import AXE, violations
 from tests.pendant.conftest import SLOW_FRAMES, VIEWPORT, Rig, eventually
 
-AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text("utf-8")
-RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
 SIZES = {"laptop": (1366, 768), "landscape tablet": (1024, 768), "portrait tablet": (800, 1280), "phone": (390, 844)}
-VIOLATIONS = """async ([where, rules]) => {
-  const found = await axe.run(where, { runOnly: { type: 'tag', values: rules }, resultTypes: ['violations'] });
-  return found.violations.flatMap(({ id, nodes }) => nodes.map(({ html, any, all, none }) =>
-    `${id}: ${html.slice(0, 160)} ${[...any, ...all, ...none].map(({ message }) => message).join('; ')}`));
-}"""
 # Elements outside the window or in a box that is too small for them. Code may be wider.
 CUT_OFF = """() => {
   const cut = [];
@@ -118,14 +110,6 @@ def test_screens_are_accessible_and_not_cut_off(page: Page) -> None:
             problems += persistent_problems(f"{view} on a {name}: ", lambda: page.evaluate(CUT_OFF))
         page.set_viewport_size(VIEWPORT)
     assert not problems, "\n".join(problems)
-
-
-def violations(page: Page, where: str) -> list[str]:
-    """The findings of axe. Under load, the page may have been reloaded since the library was injected."""
-    if page.evaluate("() => !window.axe"):
-        page.evaluate(f"() => {{ {AXE} }}")
-    found: list[str] = page.evaluate(VIOLATIONS, [where, RULES])
-    return found
 
 
 def persistent_problems(where: str, find: Callable[[], list[str]]) -> list[str]:

@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.pendant.conftest import eventually
+from urproto.trace.page import run_in
 
 FLOOD = 'def flood():\n  i = 0\n  while i < 5000:\n    i = i + 1\n    textmsg("message ", i)\n  end\nend\n'
 
@@ -39,6 +40,15 @@ def test_stop_is_logged_and_texts_are_escaped(rig, open_page):
         page.get_by_test_id("log-csv").click()
     assert download.value.suggested_filename.endswith(".csv")
     assert "C153A2,The position deviates" in Path(download.value.path()).read_text()
+
+
+def test_the_run_so_far_can_be_downloaded_as_a_page(rig, open_page, tmp_path):
+    page = open_page("log")
+    with page.expect_download(timeout=120_000) as download:  # the run is executed again, at a low priority
+        page.get_by_test_id("log-trace").click()
+    file = tmp_path / "run.html"
+    download.value.save_as(file)
+    assert run_in(file)
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ from nicegui import ui
 
 from client.pendant.events import MAX_SHOWN, SEVERITIES, Event, LogView, Severity, as_csv, as_text
 from client.pendant.page import Page
+from client.pendant.traces import page_of_run
 from urproto.text import to_bytes
 
 _ICONS: Final[dict[Severity, str]] = {"info": "info", "warning": "warning", "error": "error"}
@@ -28,6 +29,7 @@ def build(page: Page) -> None:
             _tool_button("clear_all", "Clear view", view.clear, "log-clear")
             _tool_button("description", "Download as text", lambda: _download(view, as_text, "txt"), "log-text")
             _tool_button("table_view", "Download as CSV", lambda: _download(view, as_csv, "csv"), "log-csv")
+            _trace_button(page)
         _lines(page, view)
 
 
@@ -74,11 +76,24 @@ def _pause_button(view: LogView) -> None:
         hint = ui.tooltip("Pause")
 
 
-def _tool_button(icon: str, hint: str, click: Callable[[], object], test_id: str) -> None:
-    with ui.button(icon=icon, on_click=click).props(f'flat round data-testid={test_id} aria-label="{hint}"'):
+def _tool_button(icon: str, hint: str, click: Callable[[], object], test_id: str) -> ui.button:
+    with ui.button(icon=icon, on_click=click).props(f'flat round data-testid={test_id} aria-label="{hint}"') as button:
         ui.tooltip(hint)
+    return button
+
+
+def _trace_button(page: Page) -> None:
+    async def download() -> None:
+        page.show_message("The run is executed again; its page will be downloaded.")
+        ui.download.content(await page_of_run(page.station), f"{_file_name('robot_run')}.html", "text/html")
+
+    button = _tool_button("movie", "Download the run as a page", page.handler(download), "log-trace")
+    page.show_if(button, lambda station: station.emulator.available and "journal" in station.emulator.verbs)
+
+
+def _file_name(what: str) -> str:
+    return f"{what}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
 
 
 def _download(view: LogView, format_events: Callable[[Iterable[Event]], str], extension: str) -> None:
-    name = f"robot_log_{datetime.now():%Y-%m-%d_%H-%M-%S}.{extension}"
-    ui.download(to_bytes(format_events(view.matching())), name)
+    ui.download(to_bytes(format_events(view.matching())), f"{_file_name('robot_log')}.{extension}")

@@ -31,7 +31,7 @@ def scene_panel(page: Page) -> None:
                 page.live.text(_measured_text, "sim-force").props("data-testid=measured-force")
             data_element = ui.element("div").classes("hidden").props("data-testid=surroundings")
         keep_pushing = _wrench_form(page)
-    page.live.bind(data_element, "value", _Surroundings().read)
+    page.live.bind(data_element, "value", _surroundings)
     ui.run_javascript(f"pendant.surroundings({data_element.id}, {scene.id})")
     emulator = page.station.emulator
     push_requests = LatestRequest[Sequence[float] | None](partial(_push_or_release, page.station), page.show_error)
@@ -112,34 +112,20 @@ def objects(station: Station) -> Any:
     return (station.emulator.read("world") or {}).get("objects")
 
 
-class _Surroundings:
-    """The data for the browser: position of the tool, force that pushes it (base frame), objects around it."""
+def _surroundings(station: Station) -> dict[str, Any] | None:
+    """The data for the browser: position of the tool, force that pushes it (base frame), objects around it.
 
-    def __init__(self) -> None:
-        self._objects: Any = None
-        self._descriptions: list[dict[str, Any]] = []
-
-    def read(self, station: Station) -> dict[str, Any] | None:
-        """The data, None before the first state."""
-        pose = station.values.get("actual_TCP_pose")
-        if pose is None:
-            return None
-        tool = [round(value, _POSITION_DIGITS) for value in pose[:3]]
-        return {
-            "tool": tool,
-            "force": _base_force(_current_push(station), pose),
-            "objects": self._describe_objects(objects(station)),
-        }
-
-    def _describe_objects(self, objects: Any) -> list[dict[str, Any]]:
-        """Descriptions of the objects with rotation matrices, computed again only after a change."""
-        if objects is not self._objects:
-            self._objects = objects
-            self._descriptions = [
-                {"name": name, **obj, "rotation": list(rotvec_to_matrix(*obj["pose"][3:]))}
-                for name, obj in (objects or {}).items()
-            ]
-        return self._descriptions
+    None before the first state.
+    """
+    pose = station.values.get("actual_TCP_pose")
+    if pose is None:
+        return None
+    tool = [round(value, _POSITION_DIGITS) for value in pose[:3]]
+    return {
+        "tool": tool,
+        "force": _base_force(_current_push(station), pose),
+        "objects": [{"name": name, **obj} for name, obj in (objects(station) or {}).items()],
+    }
 
 
 def _base_force(push: Mapping[str, Any] | None, pose: Sequence[float]) -> list[float]:

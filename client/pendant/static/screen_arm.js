@@ -148,42 +148,6 @@
     scenes.get(id).path = path && { ...path, since: performance.now() / 1000 };
   };
 
-  // Creates an object from its description in a world file, in the colour of its kind unless one is given.
-  pendant.createObject = (THREE, description, color) => {
-    const [radius, length] = description.cylinder || [];
-    const geometry = description.box
-      ? new THREE.BoxGeometry(...description.box)
-      : description.sphere
-        ? new THREE.SphereGeometry(description.sphere, 32, 20)
-        : description.cylinder
-          ? new THREE.CylinderGeometry(radius, radius, length, 32).rotateX(Math.PI / 2)
-          : description.mesh
-            ? hull(THREE, description.mesh)
-            : new THREE.PlaneGeometry(1.6, 1.6);
-    const flat = !description.box && !description.sphere && !description.cylinder && !description.mesh;
-    const material = new THREE.MeshPhongMaterial({
-      color: color || (flat ? "#8f9ba6" : "#c99a5b"), transparent: true, opacity: flat ? 0.45 : 0.9, side: THREE.DoubleSide,
-    });
-    const mesh = new THREE.Mesh(geometry, material);
-    if (!description.sphere)
-      mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry), new THREE.LineBasicMaterial({ color: "#6b4d22" })));
-    return mesh;
-  };
-
-  function hull(THREE, { points, triangles }) {
-    const corners = triangles.flatMap((triangle) => triangle.flatMap((corner) => points[corner]));
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));
-    geometry.computeVertexNormals();
-    return geometry;
-  }
-
-  pendant.setPose = (mesh, { pose, rotation: r }) => {
-    mesh.matrix.set(r[0], r[1], r[2], 0, r[3], r[4], r[5], 0, r[6], r[7], r[8], 0, 0, 0, 0, 1);
-    mesh.quaternion.setFromRotationMatrix(mesh.matrix);
-    mesh.position.set(...pose.slice(0, 3));
-  };
-
   const SEND_PERIOD_MS = 60; // between messages to the pendant during a drag
 
   // Drags shapes of a scene in a plane. A subclass has the methods hitTest (of a raycaster: what is at the pointer),

@@ -69,10 +69,10 @@
         for (const name of object.attached ? ["joint 5", "ghost joint 5"] : [null]) {
           const parent = name ? this.root.getObjectByName(name) : this.root;
           if (!parent) return false; // the arm has not been drawn yet
-          const mesh = pendant.createObject(THREE, object, color);
+          const mesh = shapes.createObject(THREE, object, color);
           mesh.name = `object ${object.name}`;
           mesh.userData.version = this.version++;
-          pendant.setPose(mesh, object);
+          shapes.setPose(THREE, mesh, object.pose);
           parent.add(mesh);
           this.objects.push(mesh);
         }

@@ -53,13 +53,13 @@
       let mesh = this.objects.get(object.name);
       if (mesh && mesh.userData.shape !== shape) this.remove(object.name, mesh), (mesh = null);
       if (!mesh) {
-        mesh = pendant.createObject(this.THREE, object);
+        mesh = shapes.createObject(this.THREE, object);
         mesh.userData = { shape, name: object.name };
         this.objects.set(object.name, mesh);
         this.group.add(mesh);
       }
       if (this.drag?.mesh === mesh) return;
-      pendant.setPose(mesh, object);
+      shapes.setPose(this.THREE, mesh, object.pose);
     }
 
     remove(name, mesh) {
