@@ -11,10 +11,10 @@ The values of a state have the names of RTDE outputs; those that are missing hav
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from math import nan
 from typing import Any, Final, NamedTuple
 
+from urproto.compat import IntEnum
 from urproto.errors import URError
 from urproto.joints import JOINT_TITLES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
