@@ -116,6 +116,7 @@ class Unit:
     structs: bool  # whether this version has struct()
     fixed_lists: bool  # whether list variables keep their length in this version
     stepped: bool = False  # whether every statement asks the host first
+    divided: bool = True  # whether long bodies become pieces; not needed to find errors
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column

@@ -149,10 +149,14 @@ def let_go(programs: Iterable[CompiledProgram]) -> None:
 
 
 class Known(NamedTuple):
-    """Functions and variables that exist although a program does not define them."""
+    """Functions and variables that exist although a program does not define them.
+
+    undecided: names that are never reported as undefined, such as placeholders.
+    """
 
     functions: Mapping[str, FunctionPlan] = MappingProxyType({})
     variables: Collection[str] = ()
+    undecided: Collection[str] = ()
 
 
 NOTHING: Final = Known()
@@ -181,7 +185,7 @@ def find_problems(
     try:
         with _nested_too_deeply(source):
             unit = run_to_end(_parsed(source, libraries, version, errors, known, statements=statements))
-            unit.errors = errors
+            unit.errors, unit.divided = errors, False
             for body in _bodies(unit):
                 run_to_end(body)
             for error in errors[:_MAX_HINTS]:
@@ -254,6 +258,7 @@ def _parsed(
 ) -> Steps[Unit]:
     program = yield from parse(source, errors, statements=statements)
     program.globals |= dict.fromkeys(known.variables)
+    program.damaged.update(known.undecided)
     builtins = libraries.available(version)
     plans = yield from plan_functions(program, builtins, known.functions)
     kinds = yield from infer_kinds(program, builtins)
