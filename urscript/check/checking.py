@@ -10,7 +10,7 @@ from urscript.builtins import LibrarySet
 from urscript.check.names import owner_of
 from urscript.check.project import Project
 from urscript.check.rules import RULES
-from urscript.check.rules.compiler import code_of
+from urscript.check.rules.compiler import BROKEN_NODE, code_of
 from urscript.check.sources import Source
 from urscript.check.subject import Subject
 from urscript.compile_expressions import Unit
@@ -55,10 +55,14 @@ def findings(
 
 
 def _in_source(source: Source, libraries: LibrarySet, version: PolyscopeVersion, project: Project) -> Iterable[Finding]:
+    if source.broken_nodes:
+        for line, message in source.broken_nodes if project.selects(BROKEN_NODE) else ():
+            yield Finding(source.name, line, 1, BROKEN_NODE, message)
+        return
     outside = project.known
     known = Known(outside.functions, outside.variables, {*outside.undecided, *source.placeholders})
     selected = [rule for rule in RULES.values() if rule.find is not None and project.selects(rule.code)]
-    complete = not source.script.inlined and not source.open
+    complete = not (source.script.inlined or source.open or source.placeholders)
 
     def inspect(unit: Unit) -> Iterable[ScriptWarning]:
         subject = Subject(unit, complete and unit.program.kind == "program" and bool(unit.program.body))
@@ -78,7 +82,8 @@ def _in_source(source: Source, libraries: LibrarySet, version: PolyscopeVersion,
 
 
 def _is_open(problem: ScriptError) -> bool:
-    return isinstance(problem, CompileError) and problem.is_open
+    """Whether what follows an open file may solve a problem."""
+    return isinstance(problem, CompileError) and (problem.is_open or problem.unknown_name)
 
 
 def _hinted(problem: ScriptError) -> str:

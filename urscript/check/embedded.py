@@ -18,7 +18,7 @@ _PIECE: Final = re.compile(r"\\\r?\n|\\n|\\.|\r?\n|[^\\\r\n]+|\r", re.DOTALL)
 _RAW_PIECE: Final = re.compile(r"\r?\n|[^\r\n]+|\r")
 _LETTERS: Final = {"t": "\t", "r": "\r", '"': '"', "'": "'", "\\": "\\"}
 _BRACES: Final = re.compile(r"\{\{|\}\}|\{[^{}]*\}")
-_CONVERSION: Final = re.compile(r"%[-+ #0]*\d*(?:\.\d+)?[sdifgr]")
+_CONVERSION: Final = re.compile(r"%[-+#0]*\d*(?:\.\d+)?l?[sdifgru]")
 _COMMENT: Final = re.compile(r"#[^\n]*")
 _BEGIN: Final = re.compile(r"(?:def|sec)\s+[\w{}.]+\s*\(\s*\)\s*:")
 _END: Final = re.compile(r"\bend$")
@@ -27,10 +27,11 @@ _END: Final = re.compile(r"\bend$")
 class Embedded:
     """A text put together from literals. starts: the place in the host of the first character of each of its lines."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, converted: bool = False) -> None:
+        """converted: values are filled in for % with a letter, as by printf."""
         self.text = ""
         self.starts: list[tuple[int, int]] = []
-        self.converted = False  # the % operator fills in values
+        self.converted = converted
         self._pieces: list[str] = []
         self._fresh = True
 
@@ -78,7 +79,10 @@ def in_python(source: str) -> Iterator[Embedded]:
             if found.finished():
                 yield found
                 continue
-        waiting.extend(terms[::-1] if len(terms) > 1 else ast.iter_child_nodes(node))
+        if len(terms) > 1:  # a text among them is only a part of one
+            waiting.extend(term for term in terms if not isinstance(term, ast.Constant | ast.JoinedStr))
+        else:
+            waiting.extend(ast.iter_child_nodes(node))
 
 
 def _terms(node: Any) -> list[Any]:
@@ -134,7 +138,7 @@ def _braces(match: re.Match[str]) -> str:
 
 def in_cpp(source: str) -> Iterator[Embedded]:
     """The programs in a C++ file: raw literals, and adjacent ones."""
-    found, line, line_start = Embedded(), 1, 0
+    found, line, line_start = Embedded(converted=True), 1, 0
     for match in _CPP.finditer(source):
         group = "raw" if match["raw"] is not None else "body" if match["body"] is not None else ""
         if group:
@@ -144,7 +148,7 @@ def in_cpp(source: str) -> Iterator[Embedded]:
         elif match["other"] is not None and found.starts:
             if found.finished():
                 yield found
-            found = Embedded()
+            found = Embedded(converted=True)
         if "\n" in match[0]:
             line += match[0].count("\n")
             line_start = match.start() + match[0].rindex("\n") + 1

@@ -40,6 +40,8 @@ def _all(report: Report) -> Iterator[Finding]:
 def _lines(finding: Finding) -> Iterator[str]:
     rank = "" if finding.is_error else "warning: "
     yield f"{finding.file}:{finding.line}:{finding.column}: {rank}{finding.message} [{finding.code}]"
+    if not finding.text:
+        return
     indent = "".join("\t" if char == "\t" else " " for char in finding.text[: finding.column - 1])
     yield f"  {finding.line} | {finding.text.rstrip(chr(13))}"
     yield f"  {' ' * len(str(finding.line))} | {indent}^"

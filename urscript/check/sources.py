@@ -1,6 +1,6 @@
 """The programs to check, and where their lines are: in script files, templates, program trees, Python and C++."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
@@ -24,7 +24,10 @@ Place: TypeAlias = tuple[int, int, str]
 
 @dataclass(slots=True)
 class Source:
-    """One text of programs. name: of its file; place: maps a line and column of the text; lines: of the file."""
+    """One text of programs. name: of its file; place: maps a line and column of the text; lines: of the file.
+
+    broken_nodes: nodes of a program tree from which PolyScope makes no script, each with its line and a message.
+    """
 
     name: str
     script: ScriptFile
@@ -32,6 +35,7 @@ class Source:
     lines: list[str]
     placeholders: Iterable[str] = ()
     open: bool = False
+    broken_nodes: Sequence[tuple[int, str]] = ()
 
 
 class SourceError(Exception):
@@ -102,7 +106,7 @@ def _embedded_source(name: str, found: Embedded, lines: list[str]) -> Source:
 
 def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:
     """The script of a program tree; a place is the line of the node that wrote it. Raises SourceError."""
-    from urscript.polyscope.document import DocumentError  # here, because scripts need none of it
+    from urscript.polyscope.document import DocumentError, Element  # here, because scripts need none of it
     from urscript.polyscope.folder import ProgramsFolder
     from urscript.polyscope.installation_file import InstallationFile, load_installation_file
     from urscript.polyscope.program import write_steps
@@ -114,7 +118,9 @@ def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:
         tree = run_to_end(read_tree_steps(path, folder))
         beside = folder.installation(*tree.installation_names)
         installation = load_installation_file(beside) if beside else InstallationFile()
-        writer = run_to_end(write_steps(tree, installation, version=version, external_control=none))
+        wrong: list[tuple[Element, str]] = []
+        steps = write_steps(tree, installation, version=version, external_control=none, problems=wrong)
+        writer = run_to_end(steps)
     except (OSError, DocumentError, ValueError) as error:
         raise SourceError(f"{name}: {getattr(error, 'strerror', None) or error}") from None
     written = writer.lines()
@@ -124,4 +130,5 @@ def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:
         text, number = rows[min(line, len(rows)) - 1]
         return max(number, 1), column, text
 
-    return Source(name, ScriptFile(path.stem, to_bytes(writer.text())), place, [])
+    broken = [(max(writer.number(node), 1), message) for node, message in wrong]
+    return Source(name, ScriptFile(path.stem, to_bytes(writer.text())), place, [], broken_nodes=broken)

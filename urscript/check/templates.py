@@ -6,6 +6,8 @@ from typing import Final
 _PLACEHOLDER: Final = re.compile(
     r'"[^"\n{}]*"|#[^\n]*|(?m:^[ \t]*(?:\{\{[^{}\n]*\}\}|\{[^{}\n]*\})[ \t]*$)|\{\{[^{}\n]*\}\}|\{[^{}\n]*\}'
 )
+_LAST_ARGUMENT: Final = re.compile(r"(=[^=(),\n]*)(,[ \t]*\{\{?[^{}\n]*\}\}?)(?=[ \t]*\))")
+"""A placeholder after an argument by name: it stands for further ones."""
 _NO_LETTER: Final = re.compile(r"[^A-Za-z0-9_]")
 _POSE: Final = "p"  # p[{x}] is a pose once it is filled in, but reads like an element of a variable
 
@@ -24,7 +26,8 @@ def filled(text: str) -> tuple[str, set[str]]:
             return name
         return " " * len(found)
 
-    return _PLACEHOLDER.sub(fill, text), names
+    without = _LAST_ARGUMENT.sub(lambda match: match[1] + " " * len(match[2]), text)
+    return _PLACEHOLDER.sub(fill, without), names
 
 
 def _alone(match: re.Match[str]) -> bool:

@@ -8,11 +8,13 @@ from urscript.errors import CompileError, ScriptError, ScriptWarning
 SYNTAX: Final = "URS001"
 _UNKNOWN: Final = "URS002"
 _OTHER_VERSION: Final = "URS003"
+BROKEN_NODE: Final = "URS004"
 _ELSEWHERE: Final = "not available in PolyScope"
 
 declare(SYNTAX, "syntax-error", "the text is not a URScript program", error=True)
 declare(_UNKNOWN, "unknown-name", "a variable, function or thread is not defined", error=True)
 declare(_OTHER_VERSION, "other-version", "a function is not available in this PolyScope version", error=True)
+declare(BROKEN_NODE, "broken-node", "a node of a program tree cannot be translated to a script", error=True)
 
 _MISTAKES: Final = {
     "arguments": ("URS101", "argument-count", "a call has too few or too many arguments, or an unknown one"),
