@@ -17,7 +17,8 @@ from urscript.compile_expressions import Unit
 from urscript.compiler import Known
 from urscript.errors import CompileError, ScriptError, ScriptWarning
 
-_IGNORE: Final = re.compile(r"(?:#|//).*?\burscript:\s*ignore(-file)?\[([^\]]*)\]")
+_COMMENT: Final = re.compile("#|//")
+_IGNORE: Final = re.compile(r"\burscript:[ \t]{0,9}ignore(-file)?\[([\w, \t]{0,999})\]")
 _HINTED: Final = "'%s' is not defined"
 
 
@@ -101,7 +102,8 @@ def _ignored(lines: Iterable[str]) -> tuple[tuple[str, ...], dict[int, tuple[str
     in_file: tuple[str, ...] = ()
     by_line: dict[int, tuple[str, ...]] = {}
     for number, line in enumerate(lines, 1):
-        for match in _IGNORE.finditer(line) if "urscript:" in line else ():
+        comment = _COMMENT.search(line) if "urscript:" in line else None
+        for match in _IGNORE.finditer(line, comment.end()) if comment else ():
             codes = tuple(filter(None, (code.strip() for code in match[2].split(","))))
             if match[1]:
                 in_file += codes

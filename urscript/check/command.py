@@ -114,13 +114,15 @@ def _unused(project: Project, words: set[str], folder: Path) -> Report:
     if not project.selects(UNUSED_INCLUDE) or not project.path.resolve().is_relative_to(folder.resolve()):
         return {}
     found = []
+    here, path = Path.cwd(), project.path.resolve()
+    shown = str(path.relative_to(here) if path.is_relative_to(here) else path)
     lines = project.path.read_text(encoding="utf-8").split("\n")
     for text, known in project.sources.items():
         if words.isdisjoint([*known.functions, *known.variables]) and (known.functions or known.variables):
             line = next((number for number, row in enumerate(lines, 1) if text in row), 1)
             message = f"no program uses what '{text}' defines"
-            found.append(Finding(str(project.path), line, 1, UNUSED_INCLUDE, message, lines[line - 1]))
-    return {str(project.path): (found, [])} if found else {}
+            found.append(Finding(shown, line, 1, UNUSED_INCLUDE, message, lines[line - 1]))
+    return {shown: (found, [])} if found else {}
 
 
 def _usage_error(error: Exception) -> int:

@@ -5,6 +5,8 @@ import re
 from collections.abc import Iterator
 from typing import Any, Final
 
+from urproto.text import from_bytes, to_bytes
+
 _PYTHON: Final = re.compile(
     r"#[^\n]*|(?P<prefix>[A-Za-z]{0,2})(?P<quote>\"{3}|'{3}|\"|')(?P<body>(?:\\.|(?!(?P=quote))[^\\])*)(?P=quote)",
     re.DOTALL,
@@ -115,10 +117,10 @@ def _put_literals(node: ast.Constant | ast.JoinedStr, lines: list[str], found: E
     assert node.end_lineno is not None
     assert node.end_col_offset is not None
     first, last = node.lineno - 1, node.end_lineno - 1
-    rows = [row.encode(errors="surrogateescape") for row in lines[first : last + 1]]
-    rows[-1] = rows[-1][: node.end_col_offset]
-    start = len(rows[0][: node.col_offset].decode(errors="surrogateescape"))
-    segment = "\n".join(row.decode(errors="surrogateescape") for row in rows)
+    rows = lines[first : last + 1]
+    rows[-1] = from_bytes(to_bytes(rows[-1])[: node.end_col_offset])
+    start = len(from_bytes(to_bytes(rows[0])[: node.col_offset]))
+    segment = "\n".join(rows)
     for match in _PYTHON.finditer(segment, start):
         if match["quote"] is None:
             continue

@@ -91,7 +91,7 @@ def test_what_no_program_of_a_project_uses_is_reported(findings):
         "unused.txt": "def release():\nend\n",
         "a.script": "grip()\n",
     }
-    assert [(line, code) for _, line, _, code in findings(files, ".")] == [(2, "URS205")]
+    assert findings(files, ".") == [("urscript.toml", 2, 1, "URS205")]
     assert findings(files, "a.script") == []
 
 
