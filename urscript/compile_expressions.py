@@ -279,7 +279,7 @@ class ExpressionCompiler:
             return f"not available in PolyScope {unit.version.short} ({availability})"
         if self.known(name):
             return f"it is a variable: {name}[0] is its first element"
-        return hints.FUNCTIONS.get(name, "")
+        return hints.function_hint(name)
 
     # leaves
 

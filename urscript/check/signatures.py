@@ -8,16 +8,16 @@ import csv
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript import values
-from urscript.builtins import Builtin, Library, LibrarySet, Parameter, Status
+from urscript.builtins import Builtin, Library, LibrarySet, Parameter
 from urscript.values import Kind, PhysicalKind, Pose
 
 TABLE: Final = Path(__file__).with_name("builtins.csv")
 
-_COLUMNS: Final = ("name", "chapter", "parameters", "result", "flags", "cb3", "e", "x", "status")
+_COLUMNS: Final = ("name", "parameters", "result", "flags", "cb3", "e", "x")
 _KINDS: Final[dict[str, Kind]] = {kind.title: kind for kind in vars(values).values() if isinstance(kind, Kind)}
 _RESULTS: Final[dict[str, Any]] = {
     "int": int,
@@ -48,12 +48,10 @@ def table(builtins: Iterable[Builtin]) -> Iterator[tuple[str, ...]]:
         available = (builtin.availability.cb3, builtin.availability.e, builtin.availability.x)
         yield (
             builtin.name,
-            builtin.chapter,
             "; ".join(map(_parameter_text, builtin.parameters)),
             next((word for word, annotation in _RESULTS.items() if annotation == builtin.result), ""),
             " ".join(flag for flag in _FLAGS if getattr(builtin, flag)),
             *(str(version or "") for version in available),
-            builtin.status,
         )
 
 
@@ -77,7 +75,7 @@ def _read(row: dict[str, str]) -> Builtin:
     versions = (PolyscopeVersion.parse(row[line]) if row[line] else None for line in ("cb3", "e", "x"))
     return Builtin(
         name=row["name"],
-        chapter=row["chapter"],
+        chapter="",
         function=_absent,
         host="host" in flags,
         takes_scope="takes_scope" in flags,
@@ -87,7 +85,7 @@ def _read(row: dict[str, str]) -> Builtin:
         result=_RESULTS.get(row["result"]),
         returns=None,
         availability=Availability(*versions),
-        status=cast(Status, row["status"]),
+        status="supported",
         note="",
         doc="",
     )

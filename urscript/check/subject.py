@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -16,10 +16,8 @@ from urscript.syntax import (
     ExpressionStatement,
     FunctionDef,
     If,
-    MethodCall,
     Name,
     Return,
-    Run,
     Scope,
     Statement,
     ThreadControl,
@@ -125,9 +123,6 @@ def inner(expressions: Iterable[Expression]) -> Iterator[Expression]:
     waiting = [*expressions]
     while waiting:
         node = waiting.pop()
-        if isinstance(node, Constant):
-            yield node
-            continue
         yield node
         for group in parts(node):
             waiting += group
@@ -153,8 +148,3 @@ def argument(call: Call, position: int, name: str) -> Expression | None:
 def is_true(node: Expression | None) -> bool:
     """Whether an expression is the literal True."""
     return isinstance(node, Constant) and node.value is True
-
-
-def waits(nodes: Sequence[Expression]) -> bool:
-    """Whether some expressions call what may take any time: a remote procedure, or a started thread."""
-    return any(isinstance(node, MethodCall | Run) for node in inner(nodes))

@@ -14,7 +14,6 @@ from urscript.check.subject import (
     names,
     nested,
     own_expressions,
-    waits,
 )
 from urscript.inference import root
 from urscript.literals import literal_value
@@ -27,6 +26,7 @@ from urscript.syntax import (
     MethodCall,
     Node,
     Return,
+    Run,
     Statement,
     ThreadControl,
     While,
@@ -36,7 +36,7 @@ from urscript.values import is_number
 
 _END, _BREAK, _LEAVE = "end", "break", "leave"  # how a pass of a loop may end without having taken time
 
-_MOVES: Final = frozenset(["movej", "movel", "movep", "movec"])
+_QUICK: Final = frozenset(["popup", "textmsg", "sync", "sleep"])
 _READS: Final = {
     "socket_read_ascii_float": 2,
     "socket_read_binary_integer": 2,
@@ -113,22 +113,16 @@ class _Timing:
 def endless(subject: Subject) -> Iterator[tuple[Node, str]]:
     """a loop waits without sync() or sleep(): a pass takes no time, and nothing in the loop changes its condition"""
     timing = _Timing(subject)
-    functions = subject.unit.program.functions
     for _, loop in subject.loops:
         if _END not in timing.idle(loop.body) or timing.takes([loop.condition]):
             continue
-        inside = [*nested(loop.body)]
-        conditions = [loop.condition, *(c for s in inside if isinstance(s, If) for c, _ in s.branches)]
+        inside = [loop, *nested(loop.body)]
+        conditions = [c for s in inside if isinstance(s, If | While) for c in own_expressions(s)]
         changed = {root(s.target) for s in inside if isinstance(s, Assign)}
-        called = [node for s in inside for node in inner(own_expressions(s)) if isinstance(node, Call | MethodCall)]
-        if waits(conditions) or any(isinstance(c, MethodCall) or c.name in functions for c in called):
-            continue
-        if not names(conditions) & changed and not _calls_own(conditions, functions):
+        nodes = (node for s in inside for node in inner(own_expressions(s)))
+        hidden = any(isinstance(n, MethodCall | Run) or getattr(n, "name", "") in subject.unit.plans for n in nodes)
+        if not hidden and not names(conditions) & changed:  # what functions of the program change is not followed
             yield loop, "a pass of this loop may take no time: add sync(), or the controller stops the program"
-
-
-def _calls_own(conditions: Sequence[Expression], functions: Iterable[str]) -> bool:
-    return any(isinstance(node, Call) and node.name in functions for node in inner(conditions))
 
 
 @rule("URS302", "popup-in-loop")
@@ -139,28 +133,18 @@ def popups(subject: Subject) -> Iterator[tuple[Node, str]]:
 
 
 def _popups(block: Sequence[Statement]) -> Iterator[tuple[Node, str]]:
-    if any(map(_paces, block)):
+    """The popups of a block, unless something in it keeps the loop from passing often."""
+    if any(isinstance(s, Return | While | Assign) or (isinstance(s, Word) and s.word != "continue") for s in block):
         return
+    own = [call for s in block if not isinstance(s, If) for call in calls(s)]
+    if any(call.name not in _QUICK or _blocks(call, longer_than=_READABLE_S) for call in own):
+        return
+    for call in own:
+        if call.name == "popup":
+            yield call, "this popup is shown again in each pass: pass blocking=True, or leave the loop after it"
     for statement in block:
-        for call in calls(statement):
-            if call.name == "popup":
-                yield call, "this popup is shown again in each pass: pass blocking=True, or leave the loop after it"
-        if isinstance(statement, If):
-            for inner_block in blocks(statement):
-                yield from _popups(inner_block)
-
-
-def _paces(statement: Statement) -> bool:
-    """Whether a statement keeps a loop from passing often."""
-    if isinstance(statement, Return | While) or (isinstance(statement, Word) and statement.word != "continue"):
-        return True
-    return isinstance(statement, Assign) or any(
-        call.name in _MOVES
-        or _blocks(call, longer_than=_READABLE_S)
-        or call.name not in ("popup", "textmsg", "sync", "sleep")
-        for call in calls(statement)
-        if not isinstance(statement, If)
-    )
+        for inside in blocks(statement):
+            yield from _popups(inside)
 
 
 def _blocks(call: Call, longer_than: float) -> bool:
@@ -182,11 +166,8 @@ def blocking(subject: Subject) -> Iterator[tuple[Node, str]]:
 
 
 def _servos(block: Sequence[Statement]) -> bool:
-    return any(
-        any(call.name == "servoj" for call in calls(statement))
-        or (isinstance(statement, If) and any(map(_servos, blocks(statement))))
-        for statement in block
-    )
+    inside = (s for s in block if not isinstance(s, While))
+    return any(any(c.name == "servoj" for c in calls(s)) or any(map(_servos, blocks(s))) for s in inside)
 
 
 def _blocking(block: Sequence[Statement]) -> Iterator[tuple[Node, str]]:
