@@ -2,6 +2,7 @@
 
 import ast
 import re
+import warnings
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -70,7 +71,9 @@ class Embedded:
 def in_python(source: str) -> Iterator[Embedded]:
     """The programs in a Python file. Raises SyntaxError."""
     lines = source.split("\n")
-    waiting: list[ast.AST] = [ast.parse(source)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of its escapes: they are not what is checked
+        waiting: list[ast.AST] = [ast.parse(source)]
     while waiting:
         node = waiting.pop()
         terms, found = _terms(node), Embedded()
