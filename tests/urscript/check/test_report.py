@@ -126,6 +126,9 @@ ROW = "def f():\n"
 HOSTILE = {
     "statements.script": "x=1\n" * 8000,
     "functions.script": ROW + "".join(f"def g{n}():\nx{n}=1\nend\n" for n in range(1500)) + "end\n",
+    "calls.script": ROW
+    + "".join(f"def g{n}():\ng{n + 1}()\nend\n" for n in range(900))
+    + "def g900():\nsync()\nend\nwhile True:\ng0()\nend\nend\n",
     "branches.script": ROW + "def g(a):\n" + "".join(f"if a:\nx{n}=y\nend\n" for n in range(1500)) + "end\nend\n",
     "loops.script": ROW + "while True:\n" * 20 + "x=1\n" * 2000 + "end\n" * 21,
     "moves.script": ROW + "movel(p[0,0,0,0,0,0],r=1)\n" * 1200 + "end\n",
@@ -149,3 +152,7 @@ def test_hostile_files_take_time_in_proportion_to_their_size(check, name):
         check({name: text, "urscript.toml": 'templates = ["braces.*"]'}, name)
         took.append(time.process_time() - began)
     assert took[1] < max(3.2 * took[0], 0.5), took
+
+
+def test_a_long_chain_of_calls_is_no_error(check):
+    assert check({"calls.script": HOSTILE["calls.script"]}) == 0, check.out[-300:]

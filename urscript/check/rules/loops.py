@@ -46,6 +46,7 @@ _READS: Final = {
 }
 """Functions that wait 2 s for data unless a timeout is given, with the position of that argument."""
 
+_DEEPEST: Final = 30  # calls within calls that are followed
 _SHORT_S: Final = 0.02  # guess: no servo period is longer
 _READABLE_S: Final = 0.5  # guess: time between two popups that an operator could follow
 
@@ -56,6 +57,7 @@ class _Timing:
     def __init__(self, subject: Subject) -> None:
         self._unit = subject.unit
         self._known: dict[str, bool] = {}
+        self._depth = 0
 
     def takes(self, nodes: Iterable[Expression]) -> bool:
         """Whether evaluating some expressions takes time; what is not known is taken to."""
@@ -69,9 +71,11 @@ class _Timing:
             self._known[name] = True  # also for recursion
             function = self._unit.program.functions.get(name)
             builtin = self._unit.builtins.get(name)
-            if function is not None:
+            if function is not None and self._depth < _DEEPEST:
+                self._depth += 1
                 self._known[name] = not self.idle(function.body)
-            elif name not in self._unit.plans and builtin is not None:
+                self._depth -= 1
+            elif function is None and name not in self._unit.plans and builtin is not None:
                 self._known[name] = builtin.takes_time
         return self._known[name]
 
