@@ -40,7 +40,7 @@ def test_a_project_file_says_what_surrounds_its_programs(findings, name, project
 def test_a_preamble_may_leave_its_def_open(findings):
     files = {
         "urscript.toml": 'preamble = "head.txt"',
-        "head.txt": "def cell():\n  def grip(w):\n    return w\n  end\n",
+        "head.txt": "def cell():\n  def grip(w):\n    return w\n  end\n  x = elsewhere\n",
         "rest.script": "  grip(20)\n  nothing()\nend\n",
         "open/urscript.toml": 'open = ["head.*"]',
         "open/head.script": "def cell():\n  def grip(w):\n    x = = 1\n    return later(w)\n  end\n",

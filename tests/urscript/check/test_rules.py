@@ -87,6 +87,7 @@ CASES = [
             body("i = 0", "while i < 9:", "i = i + 1", "end"),
             body("i = 0", "while True:", "i = i + 1", "if i > 9:", "break", "end", "end"),
             body("def g():", "sync()", "end", "while True:", "g()", "end"),
+            body("def g():", "while True:", "return 1", "end", "end", "g()"),
             body("def g():", "return get_digital_in(0)", "end", "while g():", "end"),
         ],
     ),
