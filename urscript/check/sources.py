@@ -1,5 +1,6 @@
 """The programs to check, and where their lines are: in script files, templates, program trees, Python and C++."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ MAX_BYTES: Final = 4 << 20
 """Largest file that is checked, as large as a controller's programs may be here."""
 SCRIPTS: Final = (".script", ".urscript")
 _TREE: Final = ".urp"
+_SCRIPT_NODE: Final = re.compile(rb"<file[^<>]{0,99}>(?:[^<>]{0,999}/)?([^<>/]{1,255})</file>")
 
 Place: TypeAlias = tuple[int, int, str]
 """Line and column of the file that a user edits, and the text of that line."""
@@ -42,11 +44,29 @@ class SourceError(Exception):
     """A file cannot be checked: its name and the reason."""
 
 
-def files_in(path: Path) -> Iterator[Path]:
-    """The programs of a folder: scripts, and program trees without the script that PolyScope saves with them."""
-    for file in sorted(path.rglob("*")):
-        if file.suffix in SCRIPTS or (file.suffix == _TREE and not file.with_suffix(SCRIPTS[0]).exists()):
+def files_in(folder: Path) -> Iterator[Path]:
+    """The programs of a folder: scripts, and program trees without the script that PolyScope saves with them.
+
+    A script file that a tree there has in a Script node is a part of that program, and not checked alone.
+    """
+    files = sorted(file for file in folder.rglob("*") if file.suffix in (*SCRIPTS, _TREE))
+    saved = {file.with_suffix(SCRIPTS[0]) for file in files if file.suffix == _TREE}
+    parts = {name for file in files if file.suffix == _TREE for name in _script_nodes(file)}
+    for file in files:
+        alone = file in saved or file.name not in parts
+        if alone if file.suffix in SCRIPTS else not file.with_suffix(SCRIPTS[0]).exists():
             yield file
+
+
+def _script_nodes(tree: Path) -> set[str]:
+    """The names of the files in the Script nodes of a program tree; empty if it cannot be read."""
+    from urscript.polyscope.document import DocumentError, unpacked
+
+    try:
+        with tree.open("rb") as file:
+            return {from_bytes(name) for name in _SCRIPT_NODE.findall(unpacked(content(str(tree), file)))}
+    except (OSError, DocumentError, SourceError):
+        return set()
 
 
 def sources_in(name: str, data: bytes | None, project: Project, version: PolyscopeVersion) -> list[Source]:

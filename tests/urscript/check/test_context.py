@@ -180,6 +180,8 @@ def test_a_folder_has_scripts_and_program_trees_without_one(check, findings):
         ("cell/tree.urp", 4, 5, "URS002"),
     ]
     assert findings({"cell/tree.script": "sync()\n"}, "cell") == [("cell/a.script", 1, 1, "URS002")]
+    editor.insert("script", into=ROOT, values={"type": "File", "file": "/programs/a.script"})
+    assert findings({"cell/tree.urp": editor.document()}, "cell") == []  # a.script is a part of tree
     editor.insert("set", into=ROOT, values={"type": "DigitalOutput", "output": "digital_out[0]", "level": "1"})
     broken = editor.document().replace(b"digital_out[0]", b"nowhere")
     assert [code for *_, code in findings({"broken.urp": broken})] == ["URS004"]
