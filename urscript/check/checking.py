@@ -75,16 +75,18 @@ def _in_source(source: Source, libraries: LibrarySet, version: PolyscopeVersion,
     in_file, by_line = _ignored(source.lines)
     for problem in problems:
         code, place = code_of(problem), source.place(problem.line, problem.column)
-        if place is None or not project.selects(code) or (source.open and _is_open(problem)):
+        if place is None or not project.selects(code) or _may_follow(problem, source):
             continue
         line, column, text = place
         if not code.startswith((*in_file, *by_line.get(line, ()))):
             yield Finding(source.name, line, column, code, _hinted(problem), text)
 
 
-def _is_open(problem: ScriptError) -> bool:
-    """Whether what follows an open file may solve a problem."""
-    return isinstance(problem, CompileError) and (problem.is_open or problem.unknown_name)
+def _may_follow(problem: ScriptError, source: Source) -> bool:
+    """Whether what a problem lacks may follow in the rest of a program: of an open file, or of a literal's text."""
+    if not isinstance(problem, CompileError):
+        return False
+    return (source.open and (problem.unknown_name or problem.is_open)) or (source.embedded and problem.is_open)
 
 
 def _hinted(problem: ScriptError) -> str:

@@ -57,19 +57,13 @@ def defined_in(path: Path) -> Known:
     functions: dict[str, FunctionPlan] = {}
     variables: set[str] = set()
     for unit in file.units:
-        program = run_to_end(parse(unit.text, [], statements=True))
+        program = run_to_end(parse(unit.text, []))
         variables.update(program.globals)
+        if program.name:
+            functions[program.name] = _plan(program.name, [], is_thread=False)
         for name, function in program.functions.items():
             functions[name] = _plan(name, function.scope.parameters, is_thread=function.scope.is_thread)
-        outer = program.functions.get(Path(file.name).stem if file.inlined else _name_of(unit.text))
-        if outer is not None:  # what a program assigns is global to the functions in it
-            variables |= outer.scope.assigned
     return Known(functions, variables)
-
-
-def _name_of(program: str) -> str:
-    match = re.match(r"\s*def\s+(\w+)", program)
-    return match[1] if match else ""
 
 
 def _plan(name: str, parameters: Iterable[Parameter], *, is_thread: bool) -> FunctionPlan:

@@ -37,6 +37,7 @@ class Source:
     lines: list[str]
     placeholders: Iterable[str] = ()
     open: bool = False
+    embedded: bool = False
     broken_nodes: Sequence[tuple[int, str]] = ()
 
 
@@ -121,7 +122,7 @@ def _embedded_source(name: str, found: Embedded, lines: list[str]) -> Source:
         host_line, start = found.starts[min(line, len(found.starts)) - 1]
         return _on(lines, host_line, start + column - 1)
 
-    return Source(name, ScriptFile("program", to_bytes(text)), place, lines, placeholders)
+    return Source(name, ScriptFile("program", to_bytes(text)), place, lines, placeholders, embedded=True)
 
 
 def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:

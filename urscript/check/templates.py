@@ -3,11 +3,13 @@
 import re
 from typing import Final
 
+_HOLE: Final = r"(?:\{\{[^{}\n]*\}\}|\{[^{}\n]*\})"
 _PLACEHOLDER: Final = re.compile(
-    r'"[^"\n{}]*"|#[^\n]*|(?m:^[ \t]*(?:\{\{[^{}\n]*\}\}|\{[^{}\n]*\})[ \t]*$)|\{\{[^{}\n]*\}\}|\{[^{}\n]*\}'
+    rf'"[^"\n{{}}]*"|#[^\n]*|(?P<line>(?m:^[ \t]*{_HOLE}[ \t]*$))|\w{{0,50}}{_HOLE}(?:\w|{_HOLE})*'
 )
 _LAST_ARGUMENT: Final = re.compile(r"(=[^=(),\n]*)(,[ \t]*\{\{?[^{}\n]*\}\}?)(?=[ \t]*\))")
 """A placeholder after an argument by name: it stands for further ones."""
+_IN_NUMBER: Final = re.compile(r"[0-9]\.$")
 _NO_LETTER: Final = re.compile(r"[^A-Za-z0-9_]")
 _POSE: Final = "p"  # p[{x}] is a pose once it is filled in, but reads like an element of a variable
 
@@ -20,18 +22,13 @@ def filled(text: str) -> tuple[str, set[str]]:
         found = match[0]
         if found[0] in '"#':
             return found
-        if found.strip() == found and not _alone(match):
-            name = _NO_LETTER.sub("_", found)
-            names.add(name)
-            return name
-        return " " * len(found)
+        if match["line"]:
+            return " " * len(found)
+        if found[0].isdigit() or _IN_NUMBER.search(text, max(match.start() - 2, 0), match.start()):
+            return "0" * len(found)
+        name = _NO_LETTER.sub("_", found)
+        names.add(name)
+        return name
 
     without = _LAST_ARGUMENT.sub(lambda match: match[1] + " " * len(match[2]), text)
     return _PLACEHOLDER.sub(fill, without), names
-
-
-def _alone(match: re.Match[str]) -> bool:
-    text = match.string
-    before = text.rfind("\n", 0, match.start()) + 1
-    after = text.find("\n", match.end())
-    return not (text[before : match.start()] + text[match.end() : after if after >= 0 else None]).strip()

@@ -113,7 +113,7 @@ def test_comments_leave_findings_out(findings, comment, found):
 def test_templates_are_checked_with_their_placeholders(findings):
     text = (
         "def {{name}}():\n  {{BEGIN}}\n  q = p[{pose}]\n  servoj(q, t={t}, {{MORE}})\n"
-        '  textmsg("{{kept}}")\n  {{CALL}}({x})\n  x = y\nend\n'
+        '  textmsg("{{kept}}")\n  {{CALL}}({x})\n  x = y\n  movel(p{x}, v=0.{v}, r=1{r})\n  my_{{a}}_{{b}}()\nend\n'
     )
     assert findings({"urscript.toml": 'templates = ["*.in"]', "a.script.in": text}, "a.script.in") == [
         ("a.script.in", 7, 7, "URS002")
@@ -141,6 +141,7 @@ G = 'é' + r\"\"\"def raw():
 end
 \"\"\"
 part = HEAD + "def k():\\n lost()\\nend"
+open_ = "def k():\\n def inner():\\n  lost()\\n end"
 """
 CPP = """// "def no(): lost() end"
 const char* A = R"x(

@@ -133,6 +133,7 @@ HOSTILE = {
     "loops.script": ROW + "while True:\n" * 20 + "x=1\n" * 2000 + "end\n" * 21,
     "moves.script": ROW + "movel(p[0,0,0,0,0,0],r=1)\n" * 1200 + "end\n",
     "braces.script": "{" * 20_000,
+    "holes.script": "{a} " * 8000,
     "unclosed.py": 'a = "' + "\\" * 20_001,
     "sum.py": "a = " + '"def f():" + ' * 800 + '"end"\n',
     "ends.py": 'a = """def f():\n' + "end # end\n" * 5000 + "x" + '"""\n',
@@ -149,7 +150,7 @@ def test_hostile_files_take_time_in_proportion_to_their_size(check, name):
     took = []
     for text in (whole[: len(whole) // 2], whole):
         began = time.process_time()
-        check({name: text, "urscript.toml": 'templates = ["braces.*"]'}, name)
+        check({name: text, "urscript.toml": 'templates = ["braces.*", "holes.*"]'}, name)
         took.append(time.process_time() - began)
     assert took[1] < max(3.2 * took[0], 0.5), took
 
