@@ -3,7 +3,7 @@
 The program trees and their editing are in `urscript.polyscope`.
 """
 
-import re
+import json
 import subprocess
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -12,7 +12,7 @@ from client.errors import ClientError, FileError
 from urproto.compat import module_command
 from urproto.durable import write_file
 from urproto.robots import RobotModel, choose_version, default_model, load_model
-from urproto.text import from_bytes, lines, readable, to_bytes
+from urproto.text import from_bytes, readable, to_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.document import DocumentError, Element, link, packed, read_document, write_document
 from urscript.polyscope.editing import Problem, ProgramEditor
@@ -24,14 +24,13 @@ from urscript.polyscope.saved_script import read_saved_script
 from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end
 
-_CHECKER_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
 _SYNTAX_ERROR: Final = "syntax error"
 _CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
 _CHECK_S: Final = 60.0  # guess: it usually takes one second
 
 
 class ScriptProblem(NamedTuple):
-    """A line of the checker's output. Lines and columns count from 1. A warning does not keep a script from running."""
+    """A finding of the checker. Lines and columns count from 1. A warning does not keep a script from running."""
 
     line: int
     column: int
@@ -48,7 +47,7 @@ def checker_command(version: PolyscopeVersion) -> tuple[str, ...]:
 
     The client does not import the language package: it runs the command, as an editor would.
     """
-    return (*module_command("urscript"), "check", "--polyscope", str(version), "-")
+    return (*module_command("urscript"), "check", "--isolated", "--format=json", "--polyscope", str(version), "-")
 
 
 def controller(model: str | None, polyscope: str | None) -> tuple[RobotModel, PolyscopeVersion]:
@@ -176,8 +175,10 @@ def read_problems(status: int | None, output: bytes, errors: bytes) -> list[Scri
     """The problems in what `checker_command` printed. Raises CheckerError if its exit status is another one."""
     if status not in _CHECKED:
         raise CheckerError(f"urscript check: {readable(from_bytes(errors)).strip() or status}")
-    found = (_CHECKER_LINE.fullmatch(line) for line in lines(readable(from_bytes(output))))
-    return sorted(ScriptProblem(int(m[1]), int(m[2]), bool(m[3]), m[4]) for m in found if m is not None)
+    return sorted(
+        ScriptProblem(found["line"], found["column"], found["severity"] == "warning", found["message"])
+        for found in json.loads(output)
+    )
 
 
 def _reason(error: Exception) -> str:

@@ -48,6 +48,9 @@ from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
 from urproto.versions import Availability
 from urproto.yamltext import load_yaml
 from urscript.builtins import Builtin, LibrarySet
+from urscript.check import signatures
+from urscript.check.names import urcaps
+from urscript.check.rules import RULES
 from urscript.polyscope.forms import Field as NodeField
 from urscript.polyscope.installation_sections import Field as Setting
 from urscript.polyscope.installation_settings import SECTIONS
@@ -83,11 +86,13 @@ def pages() -> dict[str, Callable[[], str]]:
         "fault_kinds.md": fault_kinds,
         "layers.md": layers,
         "program_nodes.md": program_nodes,
+        "check_rules.md": check_rules,
         "guesses.md": guesses,
         "ros2_interfaces.md": ros2_interfaces,
         **{
             f"../../{path}": write for path, write in runpy.run_path(str(ROOT / "docs" / "stubs.py"))["texts"]().items()
         },
+        f"../../{signatures.TABLE.relative_to(ROOT)}": _signatures,
     }
 
 
@@ -390,6 +395,34 @@ def command_line() -> str:
 
 def _option(parameter: Any) -> tuple[str, str]:
     return parameter.opts[-1], str(getattr(parameter, "help", None) or "")
+
+
+def check_rules() -> str:
+    """What ``urscript check`` finds, and the URCaps that it knows."""
+    rows = (
+        (f"`{rule.code}`", rule.name, "error" if rule.error else "warning", rule.summary) for rule in RULES.values()
+    )
+    known = (
+        (f"`{name}`", ", ".join(versions), str(len(list(versions.values())[-1].functions)))
+        for name, versions in sorted(urcaps().items())
+    )
+    parts = (
+        "# Rules of urscript check",
+        NOTICE,
+        "How to select and ignore them: [Check programs](../checking.md).",
+        _table(("code", "name", "severity", "what it finds"), sorted(rows)),
+        "## URCaps",
+        "The functions and variables of these URCaps are known, from the preambles of public programs. The last "
+        "version is the default.",
+        _table(("name in the project file", "versions", "functions"), known),
+    )
+    return "\n\n".join(parts) + "\n"
+
+
+def _signatures() -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(signatures.table(LibrarySet(LIBRARIES).builtins.values()))
+    return text.getvalue()
 
 
 def control_verbs() -> str:

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Final
 
 from emulator.script_options import add_controller_options, add_run_options
-from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
+from urproto.entry import SUCCESS, USAGE_ERROR
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
-from urscript.errors import CompileError
-from urscript.files import ScriptFile
+from urscript.check import command as check
 
 _DISTRIBUTION: Final = "ur-emulator"
 
@@ -64,40 +63,6 @@ def _version() -> str:
 def _usage_error(message: str) -> int:
     sys.stderr.write(f"urscript: {message}\n")
     return USAGE_ERROR
-
-
-# check
-
-
-def _check_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("files", nargs="+", metavar="FILE", help="script file; - reads standard input")
-    add_controller_options(parser)
-
-
-def _check(options: Namespace) -> int:
-    try:
-        _, version = _chosen_controller(options)
-    except ValueError as error:
-        return _usage_error(str(error))
-    available = libraries()
-    return max([_check_file(name, available, version) for name in options.files])
-
-
-def _check_file(name: str, libraries: LibrarySet, version: PolyscopeVersion) -> int:
-    try:
-        file = ScriptFile.read(name)
-    except OSError as error:
-        return _usage_error(f"{name}: {error.strerror}")
-    problems = file.problems(libraries, version)
-    for problem in problems:
-        sys.stdout.write(problem.render(file.name) + "\n")
-    errors = sum(isinstance(problem, CompileError) for problem in problems)
-    if errors:
-        return TROUBLE
-    warnings = f"no errors, {len(problems)} warning{'s' if len(problems) > 1 else ''}"
-    found = warnings if problems else "no problems found"
-    sys.stdout.write(f"{file.name}: {found} for PolyScope {version}\n")
-    return SUCCESS
 
 
 # functions
@@ -170,7 +135,7 @@ def _test(options: Namespace) -> int:
 
 
 _COMMANDS: Final[dict[str, tuple[str, Callable[[ArgumentParser], None], Callable[[Namespace], int]]]] = {
-    "check": ("check script files and report all errors and warnings", _check_arguments, _check),
+    "check": (check.HELP, check.add_arguments, check.run),
     "functions": ("list the built-in functions of a PolyScope version", add_controller_options, _functions),
     "run": ("run a file of URScript programs on an emulated arm, in virtual time", add_run_options, _run),
     "test": ("run tests that are written in URScript, in virtual time", _test_arguments, _test),

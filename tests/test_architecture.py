@@ -287,9 +287,13 @@ def _not_allowed(name: str, imported: str) -> str | None:
     if package == "client" and top == "urscript" and not within(imported, CLIENT_MAY_IMPORT_OF_URSCRIPT):
         return "see CLIENT_MAY_IMPORT_OF_URSCRIPT"
     if package == "urscript" and top == "urproto":
-        within_polyscope = within(name, ("urscript.polyscope",))
-        allowed = POLYSCOPE_MAY_IMPORT if within_polyscope else URSCRIPT_MAY_IMPORT
+        outer = within(name, ("urscript.polyscope", "urscript.check"))
+        allowed = POLYSCOPE_MAY_IMPORT if outer else URSCRIPT_MAY_IMPORT
         return None if within(imported, allowed) else "the language is independent of robots"
+    if within(name, ("urscript.check",)):  # checks programs of all kinds
+        return None
+    if within(imported, ("urscript.check",)) and package == "urscript" and name != "urscript.__main__":
+        return "the language knows nothing of checks"
     if package == "urscript" and within(imported, ("urscript.polyscope",)) != within(name, ("urscript.polyscope",)):
         return None if within(imported, ("urscript.work",)) else "the language does not depend on PolyScope"
     return None

@@ -27,7 +27,7 @@ from urscript.inference import (
     is_ordered,
     is_vector,
 )
-from urscript.literals import call_problems
+from urscript.literals import Mistake, call_problems
 from urscript.methods import METHOD_HINTS
 from urscript.number_code import ARITHMETIC_HELPERS, number_arithmetic
 from urscript.pycode import (
@@ -94,8 +94,9 @@ _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">
 
 @dataclass(frozen=True, slots=True)
 class CallWarning:
-    """A call that will fail when it is executed."""
+    """A call that will fail when it is executed. kind: of the mistake."""
 
+    kind: Mistake
     message: str
     line: int
     column: int
@@ -115,6 +116,7 @@ class Unit:
     structs: bool  # whether this version has struct()
     fixed_lists: bool  # whether list variables keep their length in this version
     stepped: bool = False  # whether every statement asks the host first
+    divided: bool = True  # whether long bodies become pieces; not needed to find errors
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
@@ -277,7 +279,7 @@ class ExpressionCompiler:
             return f"not available in PolyScope {unit.version.short} ({availability})"
         if self.known(name):
             return f"it is a variable: {name}[0] is its first element"
-        return hints.FUNCTIONS.get(name, "")
+        return hints.function_hint(name)
 
     # leaves
 
@@ -375,7 +377,7 @@ class ExpressionCompiler:
                 "Type error: a string can only be added to a string: str_cat() joins any two values, "
                 "to_str() converts to a string"
             )
-            self.unit.warnings.append(CallWarning(message, node.line, node.column))
+            self.unit.warnings.append(CallWarning("sum", message, node.line, node.column))
 
     def kind(self, node: Expression) -> KindSet:
         """The kinds of value an expression may have; cached for arithmetic that is already compiled."""
@@ -407,7 +409,7 @@ class ExpressionCompiler:
         except BindingError as error:
             self._check_arguments(node)
             if node.name not in self.unit.program.damaged:
-                self.unit.warnings.append(CallWarning(str(error), node.line, node.column))
+                self.unit.warnings.append(CallWarning("arguments", str(error), node.line, node.column))
             return call("_fault", place, constant(str(error), place))
         self.name_not_found(node.name, node, "function")
         self._check_arguments(node)
@@ -441,8 +443,8 @@ class ExpressionCompiler:
             arguments = self.values([*node.arguments, *[value for _, value in node.keywords]])
         else:
             bound = bind_arguments(node, [Slot(p.names, p.required) for p in builtin.parameters])
-            for message, argument in call_problems(builtin, bound, self._constant_behind):
-                self.unit.warnings.append(CallWarning(message, argument.line, argument.column))
+            for kind, message, argument in call_problems(builtin, bound, self._constant_behind):
+                self.unit.warnings.append(CallWarning(kind, message, argument.line, argument.column))
             arguments = self.values(node.arguments)
             checked = not builtin.plain or not all(map(self._is_accepted, builtin.parameters, bound))
             given = len(node.arguments)
@@ -475,7 +477,7 @@ class ExpressionCompiler:
         """``(yield from _method(...))[1]``; item 0 is the target after the call."""
         if self.unit.fixed_lists and node.name in METHOD_HINTS and not self.unit.has_handles:
             message = f"lists have no method '{node.name}' before PolyScope 5.15; {METHOD_HINTS[node.name]}"
-            self.unit.warnings.append(CallWarning(message, node.line, node.column))
+            self.unit.warnings.append(CallWarning("method", message, node.line, node.column))
         arguments = [self.expression(node.target), constant(node.name, place), *self.values(node.arguments)]
         pair = yield_from(call("_method", place, *arguments), place)
         if node.name not in MUTATORS:

@@ -69,7 +69,7 @@ _OLD_SETTERS = {"digital_out": "set_digital_out"}
 def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
     """The program body as the generator function ``main``, and the pieces it is divided into."""
     program = unit.program
-    compiler = _BodyCompiler(unit, program.scope, "main", charged=True, divided=True)
+    compiler = _BodyCompiler(unit, program.scope, "main", charged=True, divided=unit.divided)
     place = place_of(program.body[0] if program.body else Node(1, 1))
     body = yield from compiler.body(program.body, place)
     return [*compiler.pieces.functions, PythonFunction(function("main", [], body, place), compiler.inline)]
@@ -83,7 +83,7 @@ def compile_function(
     lasting: False for a function that may be removed while it is executed; it then refers to its pieces itself.
     """
     scope, place = definition.scope, place_of(definition)
-    long = scope.cost > WHOLE
+    long = scope.cost > WHOLE and unit.divided
     lends = lends_its_scope(scope, unit.builtins)
     compiler = _BodyCompiler(
         unit,

@@ -7,11 +7,11 @@ is yielded in advance, and long functions are divided.
 
 import ast
 from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from types import CodeType
-from typing import Any, TypeAlias
+from types import CodeType, MappingProxyType
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from urproto.facts import availability
 from urproto.versions import Availability, PolyscopeVersion
@@ -148,8 +148,31 @@ def let_go(programs: Iterable[CompiledProgram]) -> None:
         _discarded.extend((*program.functions.values(), *program.labels, *program.code))
 
 
+class Known(NamedTuple):
+    """Functions and variables that exist although a program does not define them.
+
+    undecided: names that are never reported as undefined, such as placeholders.
+    """
+
+    functions: Mapping[str, FunctionPlan] = MappingProxyType({})
+    variables: Collection[str] = ()
+    undecided: Collection[str] = ()
+
+
+NOTHING: Final = Known()
+
+Inspect: TypeAlias = Callable[[Unit], Iterable[ScriptWarning]]
+"""Finds further problems of a program that the compiler could read to its end."""
+
+
 def find_problems(
-    text: str, libraries: LibrarySet, version: PolyscopeVersion, *, statements: bool = False
+    text: str,
+    libraries: LibrarySet,
+    version: PolyscopeVersion,
+    known: Known = NOTHING,
+    inspect: Inspect = lambda _: (),
+    *,
+    statements: bool = False,
 ) -> list[ScriptError]:
     """All problems of one program in the order of its text, without duplicates.
 
@@ -158,32 +181,25 @@ def find_problems(
     """
     source = normalize(text)
     errors: list[CompileError] = []
-    warnings: list[CallWarning] = []
+    warnings: list[ScriptWarning] = []
     try:
         with _nested_too_deeply(source):
-            unit = run_to_end(_parsed(source, libraries, version, errors, statements=statements))
-            unit.errors = errors
-            run_to_end(generate(unit, _bodies(unit), FILE_NAME))
+            unit = run_to_end(_parsed(source, libraries, version, errors, known, statements=statements))
+            unit.errors, unit.divided = errors, False
+            for body in _bodies(unit):
+                run_to_end(body)
             for error in errors[:_MAX_HINTS]:
                 run_to_end(unit.explain(error))
-            warnings = unit.warnings
+            warnings = [ScriptWarning(w.message, w.line, w.column, source, w.kind) for w in unit.warnings]
+            if all(error.unknown_name for error in errors):  # otherwise, the tree lacks what could not be parsed
+                warnings += inspect(unit)
     except CompileError as error:
         errors.append(error)
-    if any(_is_open(error) for error in errors):
+    if any(error.is_open for error in errors):  # names may be defined in the rest of it
         errors = [error for error in errors if not error.unknown_name]
-    problems: list[ScriptError] = [
-        *(error.at_its_cause() for error in errors),
-        *(ScriptWarning(w.message, w.line, w.column, source) for w in warnings),
-    ]
+    problems = [*(error.at_its_cause() for error in errors), *warnings]
     once = {(problem.line, problem.column, problem.message): problem for problem in problems}
     return [once[place] for place in sorted(once)]
-
-
-def _is_open(error: CompileError) -> bool:
-    """Whether a program lacks the `end` of its def, such as a preamble: names may be defined in the rest of it."""
-    return error.message.startswith("syntax error at end of text: expected 'end' to close the program") and (
-        error.cause is None or error.cause.line == 1
-    )
 
 
 def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, stepped: bool) -> Steps[CompiledProgram]:
@@ -236,14 +252,17 @@ def _parsed(
     libraries: LibrarySet,
     version: PolyscopeVersion,
     errors: list[CompileError] | None = None,
+    known: Known = NOTHING,
     *,
     statements: bool = False,
 ) -> Steps[Unit]:
     program = yield from parse(source, errors, statements=statements)
+    program.globals |= dict.fromkeys(known.variables)
+    program.damaged.update(known.undecided)
     builtins = libraries.available(version)
-    plans = yield from plan_functions(program, builtins, known={})
+    plans = yield from plan_functions(program, builtins, known.functions)
     kinds = yield from infer_kinds(program, builtins)
-    return make_unit(program, source, libraries, builtins, plans, version, kinds)
+    return make_unit(program, source, libraries, builtins, {**known.functions, **plans}, version, kinds)
 
 
 def make_unit(
@@ -270,8 +289,9 @@ def make_unit(
 
 
 def _bodies(unit: Unit) -> list[Steps[list[PythonFunction]]]:
-    functions = unit.program.functions
-    return [*(compile_function(unit, functions[name], plan) for name, plan in unit.plans.items()), compile_main(unit)]
+    own = unit.program.functions
+    functions = (compile_function(unit, own[name], plan) for name, plan in unit.plans.items() if name in own)
+    return [*functions, compile_main(unit)]
 
 
 def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: str) -> Steps[list[CodeType]]:

@@ -90,6 +90,13 @@ class CompileError(ScriptError):
             return self
         return CompileError(f"syntax error: {cause.text}", cause.line, cause.column, self.source, self.wire)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the text lacks the ``end`` of its def, such as a preamble."""
+        return self.message.startswith("syntax error at end of text: expected 'end' to close the program") and (
+            self.cause is None or self.cause.line == 1
+        )
+
     @classmethod
     def syntax(cls, message: str, line: int, column: int, source: str, cause: Cause | None = None) -> Self:
         """An error for text that does not parse; the wire text quotes the line where parsing failed."""
@@ -104,9 +111,16 @@ class CompileError(ScriptError):
 
 
 class ScriptWarning(ScriptError):  # noqa: N818  # a warning, not an error
-    """A problem that occurs if the program reaches this position. It does not prevent the program from starting."""
+    """A problem that occurs if the program reaches this position. It does not prevent the program from starting.
+
+    kind: of the mistake, such as "units".
+    """
 
     _rank: ClassVar = "warning: "
+
+    def __init__(self, message: str, line: int, column: int, source: str = "", kind: str = "") -> None:
+        super().__init__(message, line, column, source)
+        self.kind = kind
 
 
 class ScriptRuntimeError(ScriptError):

@@ -7,7 +7,7 @@ that reads script files uses this module, so that a file is interpreted the same
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,7 @@ from urproto.compat import Self
 from urproto.text import from_bytes, to_bytes, words
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
-from urscript.compiler import find_problems
+from urscript.compiler import NOTHING, Inspect, Known, find_problems
 from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.parser import is_secondary, normalize
 from urscript.splitter import ScriptSplitter, Unit
@@ -143,14 +143,24 @@ class ScriptFile:
         start = position + len(text) - len(code)
         return FileUnit(code, self.text.count("\n", 0, start), block)
 
-    def problems(self, libraries: LibrarySet, version: PolyscopeVersion) -> list[ScriptError]:
+    def problems(
+        self,
+        libraries: LibrarySet,
+        version: PolyscopeVersion,
+        known: Known = NOTHING,
+        inspect: Inspect = lambda _: (),
+    ) -> list[ScriptError]:
         """The problems of all programs, with lines counted from the beginning of the file.
 
         After a surplus ``end``, the rest of a program looks like separate commands whose variables are not defined. In
         that case, only the ``end`` is reported.
         """
+
+        def find(text: str, *, statements: bool = False) -> list[ScriptError]:
+            return find_problems(text, libraries, version, known, inspect, statements=statements)
+
         if self.inlined:
-            return self._problems_inlined(libraries, version)
+            return self._problems_inlined(find)
         found: list[ScriptError] = []
         last: list[ScriptError] = []  # problems of the last block
         outside: list[ScriptError] = []  # problems of the lines after it
@@ -158,34 +168,29 @@ class ScriptFile:
         began = 0
         places = self._places() if len(self.units) > 1 else [(None, 0)]
         for unit, (_, position) in zip(self.units, places, strict=False):
-            problems = [self.located(problem, unit) for problem in find_problems(unit.text, libraries, version)]
+            problems = [self.located(problem, unit) for problem in find(unit.text)]
             if unit.block:
                 found += last + outside
                 block, last, outside, began = unit, problems, [], position
                 continue
             if unit._stray_end:
                 outside = [problem for problem in outside if not _is_unknown_name(problem)]
-                explained = block and self._explained(
-                    block, self.text[began : position + len(unit.text)], libraries, version
-                )
+                explained = block and self._explained(block, find(self.text[began : position + len(unit.text)]))
                 if explained:
                     last, outside = explained, []
                     continue
             outside += problems
         return found + last + outside
 
-    def _explained(
-        self, block: FileUnit, text: str, libraries: LibrarySet, version: PolyscopeVersion
-    ) -> list[ScriptError]:
+    def _explained(self, block: FileUnit, problems: list[ScriptError]) -> list[ScriptError]:
         """The problems of a text if all of it was meant to be one block; empty when the text does not support that."""
-        problems = find_problems(text, libraries, version)
         if any(_ENDED_BEFORE in problem.message for problem in problems):
             return []
         return [self.located(problem, block) for problem in problems]
 
-    def _problems_inlined(self, libraries: LibrarySet, version: PolyscopeVersion) -> list[ScriptError]:
+    def _problems_inlined(self, find: Callable[..., list[ScriptError]]) -> list[ScriptError]:
         whole = self._program(self.text, 0, block=False)
-        found = find_problems(whole.text, libraries, version, statements=True)
+        found = find(whole.text, statements=True)
         problems = [self.located(problem, whole) for problem in found]
         outside: range = range(0)  # lines after the last block
         for unit, position in self._places():
@@ -203,8 +208,9 @@ class ScriptFile:
             column = max(1, column - unit.columns_before)
         if isinstance(error, CompileError):
             return CompileError(error.message, line, column, self.text, error.wire)
-        kind = ScriptWarning if isinstance(error, ScriptWarning) else ScriptError
-        return kind(error.message, line, column, self.text)
+        if isinstance(error, ScriptWarning):
+            return ScriptWarning(error.message, line, column, self.text, error.kind)
+        return ScriptError(error.message, line, column, self.text)
 
 
 def _is_unknown_name(problem: ScriptError) -> bool:

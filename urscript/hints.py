@@ -93,42 +93,8 @@ _OF_ROBOTIQ: Final = (
     "it is defined by Robotiq's URCap in a preamble, which PolyScope adds to its own programs but not to scripts sent "
     "by a client: put the preamble of a saved .script before yours, or use sockets to talk to port 63352"
 )
-_ROBOTIQ: Final = (  # the functions that a preamble written by the URCap defines
-    *(
-        "rq_activate",
-        "rq_activate_and_wait",
-        "rq_activate_all_grippers",
-        "rq_reset",
-        "rq_reset_and_activate",
-        "rq_stop",
-    ),
-    *(
-        "rq_open",
-        "rq_open_and_wait",
-        "rq_close",
-        "rq_close_and_wait",
-        "rq_wait",
-        "rq_go_to",
-        "rq_set_pos",
-        "rq_set_sid",
-    ),
-    *("rq_move", "rq_move_norm", "rq_move_mm", "rq_move_and_wait", "rq_move_and_wait_norm", "rq_move_and_wait_mm"),
-    *(
-        "rq_set_force",
-        "rq_set_force_norm",
-        "rq_set_speed",
-        "rq_set_speed_norm",
-        "rq_set_pos_norm",
-        "rq_set_pos_spd_for",
-    ),
-    *("rq_current_pos", "rq_current_pos_norm", "rq_current_pos_mm", "rq_motor_current", "rq_get_var", "rq_set_var"),
-    *("rq_is_object_detected", "rq_is_motion_complete", "rq_is_gripper_activated", "rq_is_gripper_connected"),
-    *("rq_wait_for_object_detected", "rq_auto_release_open_and_wait", "rq_auto_release_close_and_wait"),
-    *("rq_init_connection", "rq_vacuum_grip", "rq_vacuum_release", "rq_print_gripper_fault_code"),
-)
 
 FUNCTIONS: Final[Mapping[str, str]] = {
-    **dict.fromkeys(_ROBOTIQ, _OF_ROBOTIQ),
     **dict.fromkeys(["print", "printf", "println", "echo", "log_message", "textMsg", "disp"], _LOG),
     **dict.fromkeys(["len", "size_of", "sizeof", "count"], "length(list) returns the number of elements"),
     **dict.fromkeys(["abs", "fabs"], "norm(number) returns the absolute value"),
@@ -146,7 +112,7 @@ FUNCTIONS: Final[Mapping[str, str]] = {
     **dict.fromkeys(["input", "raw_input"], "request_string_from_primary_client(text) asks the operator"),
     **dict.fromkeys(["mod", "fmod"], "write a % b"),
 }
-"""Functions of other languages, and those that URCaps define on controllers where they are installed."""
+"""Functions of other languages."""
 
 
 _LOOK_BACK: Final = 40
@@ -195,6 +161,11 @@ def _hint_on_a_comma(tokens: Sequence[Token], at: int, started: int) -> str:
     if started == at and any(token.kind == "return" for token in line):
         return "a function returns one value: return [a, b] returns a list"
     return "one variable can be assigned at a time" if started == at - 1 and tokens[started].kind == "name" else ""
+
+
+def function_hint(name: str) -> str:
+    """A hint for a function that neither the program nor the controller defines; empty when there is none."""
+    return _OF_ROBOTIQ if name.startswith("rq_") else FUNCTIONS.get(name, "")
 
 
 def joined_number(tokens: Sequence[Token], at: int, started: int) -> Cause | None:

@@ -80,6 +80,7 @@ _KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an
     (bool, BOOL),
     (str, STRING),
 )
+_SETTLED: Final = (Constant, PoseLiteral, NumberList, Run)  # expressions whose kind no variable changes
 _SLICE: Final = 40  # work between two yields
 _MAX_ROUNDS: Final = 8
 """Rounds after which inference gives up and every variable may have any kind. Programs need two to four; only a text
@@ -281,7 +282,7 @@ def _kinds(program: Program, builtins: Mapping[str, Builtin], stores: list[_Stor
     constants = yield from _constants(stores)
     variables: dict[Variable, KindSet] = {}
     kinds = Kinds(program, builtins, variables, constants)
-    for _ in range(_MAX_ROUNDS):
+    for round_ in range(_MAX_ROUNDS):
         changed, work = False, 0
         for store in stores:
             work += store.work
@@ -289,6 +290,8 @@ def _kinds(program: Program, builtins: Mapping[str, Builtin], stores: list[_Stor
                 yield work
                 work = 0
             known = variables.get(store.variable, 0)
+            if known == ANYTHING or (round_ and isinstance(store.value, _SETTLED)):
+                continue  # it cannot add anything; counted as work, so that compiling takes what it took
             found = known | store.kind(kinds)
             if found != known:
                 variables[store.variable] = found

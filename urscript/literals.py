@@ -8,11 +8,13 @@ a warning.
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias
 
 from urscript.builtins import Builtin, Parameter
 from urscript.syntax import Binary, Call, Constant, Expression, ListLiteral, PoseLiteral, Unary
 from urscript.values import KindMismatchError, Pose, is_number, type_name
+
+Mistake: TypeAlias = Literal["arguments", "type", "units", "escape", "sum", "method"]
 
 _LONGEST: Final = 20  # elements of the longest list that is checked: no built-in expects more
 UNKNOWN: Final = object()
@@ -21,11 +23,12 @@ UNKNOWN: Final = object()
 _JOINTS: Final = frozenset(["q", "qnear", "qNear"])
 _POSES: Final = frozenset(["pose", "pose_via", "pose_to", "q", "x"])
 _SPEEDS: Final = frozenset(["v"])
+_RADIUS: Final = "r"
 _STRAIGHT: Final = frozenset(["movel", "movep", "movec", "servoc"])
 
-_SENDING: Final = frozenset(["socket_send_string", "socket_send_line"])
-_ESCAPE: Final = re.compile(r"\\[nrt0]")
-_NO_ESCAPES: Final = (
+SENDING: Final = frozenset(["socket_send_string", "socket_send_line"])
+ESCAPE: Final = re.compile(r"\\[nrt0]")
+NO_ESCAPES: Final = (
     "URScript has no escapes: a backslash and a letter are sent as these two characters; "
     "socket_send_line ends a text with a line feed, and socket_send_byte(13) sends a carriage return"
 )
@@ -60,23 +63,24 @@ def literal_value(node: Expression) -> Any:
 
 def call_problems(
     builtin: Builtin, arguments: Sequence[Expression | None], constants: Callable[[Expression], Expression]
-) -> Iterator[tuple[str, Expression]]:
-    """The problems of a call, each with the argument that causes it.
+) -> Iterator[tuple[Mistake, str, Expression]]:
+    """The problems of a call, each with its kind and the argument that causes it.
 
     arguments: one for each parameter, None if omitted. constants: maps a variable that never changes to its value.
     """
     for parameter, node in zip(builtin.parameters, arguments, strict=True):
         if node is None:
             continue
-        if builtin.name in _SENDING and any(map(_ESCAPE.search, _texts(node, constants))):
-            yield _NO_ESCAPES, node
+        if builtin.name in SENDING and any(map(ESCAPE.search, _texts(node, constants))):
+            yield "escape", NO_ESCAPES, node
             continue
         value = literal_value(constants(node))
         if value is UNKNOWN:
             continue
-        problem = _mismatch(builtin, parameter, value) or _unlikely(builtin, parameter.names[0], value)
-        if problem:
-            yield problem, node
+        if problem := _mismatch(builtin, parameter, value):
+            yield "type", problem, node
+        elif problem := _unlikely(builtin, parameter.names[0], value):
+            yield "units", problem, node
 
 
 def _texts(node: Expression, constants: Callable[[Expression], Expression]) -> Iterator[str]:
@@ -121,6 +125,8 @@ def _unlikely(builtin: Builtin, name: str, value: Any) -> str:
     elif isinstance(value, list):
         if name in _JOINTS and all(map(is_number, value)) and max(map(abs, value), default=0) > _MAX_RAD:
             return f"joint angles are in radians, but {_widest(value)} looks like degrees: use d2r({_widest(value)})"
+    elif is_number(value) and name == _RADIUS and value > _MAX_M:
+        return f"a blend radius is in metres, but r={value:g} looks like millimetres"
     elif is_number(value) and name in _SPEEDS:
         if builtin.name in _STRAIGHT and value > _MAX_M_S:
             return f"{builtin.name} takes its speed in m/s, but v={value:g} looks like millimetres per second"

@@ -21,7 +21,7 @@ PAGES = (
     *sorted((ROOT / "docs" / "reference").glob("*.md")),
     ROOT / "examples" / "ci" / "README.md",
 )
-LANGUAGES = {"sh", "shell", "python", "yaml", "urscript", "text", "ros"}  # ros: run with ROS 2, by tests/ros2
+LANGUAGES = {"sh", "shell", "python", "yaml", "toml", "urscript", "text", "ros"}  # ros: run with ROS 2, by tests/ros2
 
 _BLOCK = re.compile(
     r"(?:^<!-- (?P<note>[^\n]*?) -->\n)?^```(?P<language>\S*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL

@@ -74,6 +74,8 @@ def test_every_block_names_its_language(page: Path) -> None:
             assert known, f"{block.place}: what is {block.note!r}?"
         if block.language == "yaml":
             yaml.safe_load(block.code)
+        if block.language == "toml":
+            load_toml(block.code)
         if block.language == "python":
             compile(block.code, block.place, "exec", flags=0x2000)  # ast.PyCF_ALLOW_TOP_LEVEL_AWAIT
 

@@ -1,6 +1,7 @@
 """Checking the editor's text with the checker command."""
 
 import asyncio
+import json
 from pathlib import Path
 
 import pytest
@@ -29,7 +30,8 @@ async def test_check_returns_messages_of_checker(tmp_path: Path) -> None:
 
 
 def test_output_is_parsed_into_errors_and_warnings() -> None:
-    output = "<stdin>:3:5: b\n  3 | a = b\n      ^\n<stdin>:1:2: warning: a\n<stdin>: no problems\n"
+    rows = [(3, 5, "error", "b"), (1, 2, "warning", "a")]
+    output = json.dumps([dict(zip(("line", "column", "severity", "message"), row, strict=True)) for row in rows])
     expected = [ScriptProblem(1, 2, warning=True, message="a"), ScriptProblem(3, 5, warning=False, message="b")]
     assert read_problems(1, output.encode(), b"") == expected
     with pytest.raises(CheckerError, match="urscript check: no memory"):

@@ -18,7 +18,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -107,7 +107,7 @@ def ledger() -> Mapping[str, tuple[Fact, ...]]:
 
 
 def _read(table: str) -> Iterator[Fact]:
-    lines = csv.reader(files("urproto.facts").joinpath(f"{table}.csv").read_text("utf-8").splitlines())
+    lines = csv.reader(Path(__file__).with_name(f"{table}.csv").read_text("utf-8").splitlines())
     if (head := tuple(next(lines))) != COLUMNS:
         raise ValueError(f"{table}.csv: its columns are {', '.join(head)}, not {', '.join(COLUMNS)}")
     for number, row in enumerate(lines, start=2):

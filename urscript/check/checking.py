@@ -1,0 +1,114 @@
+"""The findings of sources, for one PolyScope version or several."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from urproto.versions import PolyscopeVersion
+from urscript.builtins import LibrarySet
+from urscript.check.names import owner_of
+from urscript.check.project import Project
+from urscript.check.rules import RULES
+from urscript.check.rules.compiler import BROKEN_NODE, code_of
+from urscript.check.sources import Source
+from urscript.check.subject import Subject
+from urscript.compile_expressions import Unit
+from urscript.compiler import Known
+from urscript.errors import CompileError, ScriptError, ScriptWarning
+
+_COMMENT: Final = re.compile("#|//")
+_IGNORE: Final = re.compile(r"\burscript:[ \t]{0,9}ignore(-file)?\[([\w, \t]{0,999})\]")
+_HINTED: Final = "'%s' is not defined"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Finding:
+    """A violation of a rule. text: the line it is on; versions: those for which it holds."""
+
+    file: str
+    line: int
+    column: int
+    code: str
+    message: str
+    text: str = ""
+    versions: tuple[PolyscopeVersion, ...] = ()
+
+    @property
+    def is_error(self) -> bool:
+        """Whether a program with it does not start."""
+        return RULES[self.code].error
+
+
+def findings(
+    sources: Mapping[PolyscopeVersion, Sequence[Source]], libraries: LibrarySet, project: Project
+) -> list[Finding]:
+    """What is found in a file for each version, in the order of its text."""
+    merged: dict[tuple[int, int, str], Finding] = {}
+    for version, row in sources.items():
+        for source in row:
+            for found in _in_source(source, libraries, version, project):
+                key = (found.line, found.column, found.code)
+                known = merged.get(key, found)
+                versions = known.versions if version in known.versions else (*known.versions, version)
+                merged[key] = replace(known, versions=versions)
+    return sorted(merged.values())
+
+
+def _in_source(source: Source, libraries: LibrarySet, version: PolyscopeVersion, project: Project) -> Iterable[Finding]:
+    if source.broken_nodes:
+        for line, message in source.broken_nodes if project.selects(BROKEN_NODE) else ():
+            yield Finding(source.name, line, 1, BROKEN_NODE, message)
+        return
+    outside = project.known
+    known = Known(outside.functions, outside.variables, {*outside.undecided, *source.placeholders})
+    selected = [rule for rule in RULES.values() if rule.find is not None and project.selects(rule.code)]
+    complete = not (source.script.inlined or source.open or source.placeholders)
+
+    def inspect(unit: Unit) -> Iterable[ScriptWarning]:
+        subject = Subject(unit, complete and unit.program.kind == "program" and bool(unit.program.body))
+        for rule in selected:
+            for node, message in rule.find(subject) if rule.find else ():
+                yield ScriptWarning(message, node.line, node.column, unit.source, rule.code)
+
+    problems = source.script.problems(libraries, version, known, inspect)
+    in_file, by_line = _ignored(source.lines)
+    for problem in problems:
+        code, place = code_of(problem), source.place(problem.line, problem.column)
+        if place is None or not project.selects(code) or _may_follow(problem, source):
+            continue
+        line, column, text = place
+        if not code.startswith((*in_file, *by_line.get(line, ()))):
+            yield Finding(source.name, line, column, code, _hinted(problem), text)
+
+
+def _may_follow(problem: ScriptError, source: Source) -> bool:
+    """Whether what a problem lacks may follow in the rest of a program: of an open file, or of a literal's text."""
+    if not isinstance(problem, CompileError):
+        return False
+    return (source.open and (problem.unknown_name or problem.is_open)) or (source.embedded and problem.is_open)
+
+
+def _hinted(problem: ScriptError) -> str:
+    """The message; for a function of a URCap, with what to write in the project file."""
+    if isinstance(problem, CompileError) and problem.unknown_name:
+        name = problem.wire.split(":")[1]
+        owner = owner_of(name) if problem.message.startswith(f"function {_HINTED % name}") else ""
+        if owner:
+            return f'{problem.message}; where the URCap is installed, write urcaps = ["{owner}"] in the project file'
+    return problem.message
+
+
+def _ignored(lines: Iterable[str]) -> tuple[tuple[str, ...], dict[int, tuple[str, ...]]]:
+    """The codes, or their beginnings, that comments leave out: in the whole file, and by line."""
+    in_file: tuple[str, ...] = ()
+    by_line: dict[int, tuple[str, ...]] = {}
+    for number, line in enumerate(lines, 1):
+        comment = _COMMENT.search(line) if "urscript:" in line else None
+        for match in _IGNORE.finditer(line, comment.end()) if comment else ():
+            codes = tuple(filter(None, (code.strip() for code in match[2].split(","))))
+            if match[1]:
+                in_file += codes
+            else:
+                by_line[number] = by_line.get(number, ()) + codes
+    return in_file, by_line

@@ -1,0 +1,6 @@
+"""The rules. To add one, write a function with ``@rule`` in one of these modules, and a row of its test."""
+
+from urscript.check.rules import compiler, loops, motion, texts, variables
+from urscript.check.rules.registry import RULES
+
+__all__ = ["RULES", "compiler", "loops", "motion", "texts", "variables"]

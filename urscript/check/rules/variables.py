@@ -1,0 +1,168 @@
+"""Rules on names: unused ones, variables without a value, globals whose type changes."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+from urscript.check.rules.registry import declare, rule
+from urscript.check.subject import Subject, blocks, inner, names, nested, own_expressions
+from urscript.inference import BOOL, NUMBER, STRING, KindSet, is_local, is_number, is_vector
+from urscript.syntax import Assign, Call, FunctionDef, If, Name, Node, Return, Statement, While, Word
+
+_TYPES: Final = ((NUMBER, "a number"), (BOOL, "a bool"), (STRING, "a text"))
+_ANYTHING: Final[set[str]] = set()
+_MOST_VARIABLES: Final = 300  # of a body that is followed path by path: the work grows with their square
+
+UNUSED_INCLUDE: Final = "URS205"
+declare(UNUSED_INCLUDE, "unused-include", "no program of a project uses what a URCap or an included file defines")
+
+
+@rule("URS201", "unused-function")
+def unused_functions(subject: Subject) -> Iterator[tuple[Node, str]]:
+    """a function or thread is never used"""
+    if not subject.complete or subject.by_polyscope:
+        return
+    for name, function in subject.unit.program.functions.items():
+        if subject.words[name] == 1:
+            kind = "thread" if function.scope.is_thread else "function"
+            yield function, f"{kind} '{name}' is never used"
+
+
+@rule("URS202", "unused-variable")
+def unused_variables(subject: Subject) -> Iterator[tuple[Node, str]]:
+    """a local variable is assigned and never read"""
+    if subject.by_polyscope:
+        return
+    program = subject.unit.program
+    assigned = [
+        (body.scope, statement)
+        for body in subject.bodies
+        for statement in nested(body.statements)
+        if isinstance(statement, Assign) and isinstance(statement.target, Name)
+    ]
+    stores = Counter(statement.target.name for _, statement in assigned if isinstance(statement.target, Name))
+    seen: set[str] = set()
+    for scope, statement in assigned:
+        name = statement.target.name if isinstance(statement.target, Name) else ""
+        if subject.words[name] != stores[name] or name in seen or scope is program.scope:
+            continue
+        if is_local(program, scope, name) and not any(isinstance(node, Call) for node in inner([statement.value])):
+            seen.add(name)
+            yield statement, f"variable '{name}' is never read"
+
+
+@rule("URS203", "type-change")
+def type_changes(subject: Subject) -> Iterator[tuple[Node, str]]:
+    """a global variable is assigned values of different types: it keeps the type of its first one"""
+    kinds, program = subject.unit.kinds, subject.unit.program
+    first: dict[str, str] = {}
+    for body in subject.bodies:
+        for statement in nested(body.statements):
+            if not isinstance(statement, Assign) or not isinstance(statement.target, Name):
+                continue
+            name = statement.target.name
+            if name not in program.globals or is_local(program, body.scope, name):
+                continue
+            found = _type(kinds.expression(body.scope, statement.value))
+            if found and first.setdefault(name, found) != found:
+                yield statement, f"'{name}' is {first[name]} elsewhere: a global keeps its type, and this is {found}"
+
+
+def _type(kind: KindSet) -> str:
+    """The type of a value in words; empty if it may have several."""
+    if is_number(kind):
+        return _TYPES[0][1]
+    if is_vector(kind):
+        return "a list or pose"
+    return next((text for single, text in _TYPES if kind == single), "")
+
+
+@rule("URS204", "unset-variable")
+def unset_variables(subject: Subject) -> Iterator[tuple[Node, str]]:
+    """a local variable is read that has no value on a path through its function"""
+    program = subject.unit.program
+    for body in subject.bodies[1:]:
+        related: dict[str, set[str]] = {}
+        for statement in _outer_ifs(body.statements):
+            inside = _assigned(blocks(statement))
+            for name in inside:  # what two of them assign, they may well assign in all cases
+                related[name] = _ANYTHING if name in related else inside | _conditions(statement)
+        parameters = {parameter.name for parameter in body.scope.parameters}
+        for name in parameters & set(related):
+            del related[name]
+        local = {
+            name: others
+            for name, others in related.items()
+            if others is not _ANYTHING and is_local(program, body.scope, name)
+        }
+        if len(local) <= _MOST_VARIABLES:
+            yield from _Paths(local).run(body.statements)
+
+
+def _outer_ifs(statements: Sequence[Statement]) -> Iterator[If]:
+    """Every if that is not inside another one."""
+    for statement in statements:
+        if isinstance(statement, If):
+            yield statement
+        elif isinstance(statement, While):
+            yield from _outer_ifs(statement.body)
+
+
+def _conditions(statement: If) -> set[str]:
+    """The variables in the conditions of an if, and of those inside it."""
+    return names(c for s in nested([statement]) if isinstance(s, If) for c, _ in s.branches)
+
+
+def _assigned(parts: Sequence[Sequence[Statement]]) -> set[str]:
+    """The variables that some blocks assign."""
+    found = (s.target for block in parts for s in nested(block) if isinstance(s, Assign))
+    return {target.name for target in found if isinstance(target, Name)}
+
+
+class _Paths:
+    """Follows the paths through a body, with the variables that may have no value.
+
+    related: for each variable that a branch assigns, those that tell whether it was taken. What is read in a branch
+    that depends on one of them has a value. A loop is taken to run at least once.
+    """
+
+    def __init__(self, related: Mapping[str, set[str]]) -> None:
+        self._related = dict(related)
+        self._found: list[tuple[Node, str]] = []
+
+    def run(self, statements: Sequence[Statement]) -> list[tuple[Node, str]]:
+        """The places where a variable may be read without a value."""
+        if self._related:
+            self._follow(statements, set(), frozenset())
+        return self._found
+
+    def _follow(self, statements: Sequence[Statement], given: set[str], guards: frozenset[str]) -> set[str] | None:
+        """The variables with a value after some statements; None if nothing comes after them."""
+        for statement in statements:
+            if isinstance(statement, FunctionDef):
+                continue
+            self._read(statement, given, guards)
+            match statement:
+                case Assign(target=Name(name=name)):
+                    given.add(name)
+                case Return() | Word(word="halt" | "break" | "continue"):
+                    return None
+                case If():
+                    inner_guards = guards | names(own_expressions(statement))
+                    after = [self._follow(block, given.copy(), inner_guards) for block in blocks(statement)]
+                    reached = [found for found in after if found is not None]
+                    if not reached:
+                        return None
+                    given = set.intersection(*reached)
+                case While():
+                    inner_guards = guards | names([statement.condition])
+                    after_loop = self._follow(statement.body, given.copy(), inner_guards)
+                    given = after_loop if after_loop is not None else given | _assigned([statement.body])
+        return given
+
+    def _read(self, statement: Statement, given: set[str], guards: frozenset[str]) -> None:
+        for node in inner(own_expressions(statement)):
+            name = node.name if isinstance(node, Name) else ""
+            if name in self._related and name not in given and not self._related[name] & guards:
+                del self._related[name]
+                self._found.append((node, f"'{name}' has no value here on at least one path"))

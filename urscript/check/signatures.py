@@ -1,0 +1,95 @@
+"""The built-ins that programs are checked against: how each is called, without what it does.
+
+The functions themselves belong to the emulator, which takes a second to load. ``docs/generate.py`` therefore writes
+their signatures to ``builtins.csv``.
+"""
+
+import csv
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from urproto.versions import Availability, PolyscopeVersion
+from urscript import values
+from urscript.builtins import Builtin, Library, LibrarySet, Parameter
+from urscript.values import Kind, PhysicalKind, Pose
+
+TABLE: Final = Path(__file__).with_name("builtins.csv")
+
+_COLUMNS: Final = ("name", "parameters", "result", "flags", "cb3", "e", "x")
+_KINDS: Final[dict[str, Kind]] = {kind.title: kind for kind in vars(values).values() if isinstance(kind, Kind)}
+_RESULTS: Final[dict[str, Any]] = {
+    "int": int,
+    "float": float,
+    "pose": Pose,
+    "numbers": list[float],
+    "ints": list[int],
+    "bool": bool,
+    "text": str,
+}
+"""The annotations of results that the compiler distinguishes."""
+_FLAGS: Final = ("host", "takes_scope", "variadic", "takes_time")
+
+
+@cache
+def libraries() -> LibrarySet:
+    """The built-ins of all versions."""
+    library = Library("")
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        library.builtins.update((row["name"], _read(row)) for row in csv.DictReader(file))
+    return LibrarySet([library])
+
+
+def table(builtins: Iterable[Builtin]) -> Iterator[tuple[str, ...]]:
+    """The rows of the file for some built-ins, with the head."""
+    yield _COLUMNS
+    for builtin in sorted(builtins, key=lambda builtin: builtin.name):
+        available = (builtin.availability.cb3, builtin.availability.e, builtin.availability.x)
+        yield (
+            builtin.name,
+            "; ".join(map(_parameter_text, builtin.parameters)),
+            next((word for word, annotation in _RESULTS.items() if annotation == builtin.result), ""),
+            " ".join(flag for flag in _FLAGS if getattr(builtin, flag)),
+            *(str(version or "") for version in available),
+        )
+
+
+def _parameter_text(parameter: Parameter) -> str:
+    """``t_min|t: Num?=`` for an optional number that may be left out; ``!`` marks a physical quantity."""
+    physical = "!" if isinstance(parameter.kind, PhysicalKind) else ""
+    marks = ("?" if parameter.optional else "") + ("" if parameter.required else "=")
+    return f"{'|'.join(parameter.names)}: {parameter.kind.title}{physical}{marks}"
+
+
+def _parameter(text: str) -> Parameter:
+    names, _, kind = text.partition(": ")
+    title = kind.rstrip("=?!")
+    marks = kind[len(title) :]
+    accepted = PhysicalKind(title, _KINDS[title]) if "!" in marks else _KINDS[title]
+    return Parameter(tuple(names.split("|")), accepted, optional="?" in marks, required="=" not in marks)
+
+
+def _read(row: dict[str, str]) -> Builtin:
+    flags = row["flags"].split()
+    versions = (PolyscopeVersion.parse(row[line]) if row[line] else None for line in ("cb3", "e", "x"))
+    return Builtin(
+        name=row["name"],
+        chapter="",
+        function=_absent,
+        host="host" in flags,
+        takes_scope="takes_scope" in flags,
+        parameters=tuple(map(_parameter, row["parameters"].split("; "))) if row["parameters"] else (),
+        variadic="variadic" in flags,
+        takes_time="takes_time" in flags,
+        result=_RESULTS.get(row["result"]),
+        returns=None,
+        availability=Availability(*versions),
+        status="supported",
+        note="",
+        doc="",
+    )
+
+
+def _absent(*_: Any) -> None:
+    raise AssertionError("programs that are only checked do not run")

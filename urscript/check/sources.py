@@ -1,0 +1,155 @@
+"""The programs to check, and where their lines are: in script files, templates, program trees, Python and C++."""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Final, TypeAlias
+
+from urproto.text import from_bytes, to_bytes
+from urproto.versions import PolyscopeVersion
+from urscript.check.embedded import READERS, Embedded
+from urscript.check.project import Project
+from urscript.check.templates import filled
+from urscript.files import ScriptFile
+from urscript.work import run_to_end
+
+MAX_BYTES: Final = 4 << 20
+"""Largest file that is checked, as large as a controller's programs may be here."""
+SCRIPTS: Final = (".script", ".urscript")
+_TREE: Final = ".urp"
+_SCRIPT_NODE: Final = re.compile(rb"<file[^<>]{0,99}>(?:[^<>]{0,999}/)?([^<>/]{1,255})</file>")
+
+Place: TypeAlias = tuple[int, int, str]
+"""Line and column of the file that a user edits, and the text of that line."""
+
+
+@dataclass(slots=True)
+class Source:
+    """One text of programs. name: of its file; place: maps a line and column of the text; lines: of the file.
+
+    broken_nodes: nodes of a program tree from which PolyScope makes no script, each with its line and a message.
+    """
+
+    name: str
+    script: ScriptFile
+    place: Callable[[int, int], Place | None]
+    lines: list[str]
+    placeholders: Iterable[str] = ()
+    open: bool = False
+    embedded: bool = False
+    broken_nodes: Sequence[tuple[int, str]] = ()
+
+
+class SourceError(Exception):
+    """A file cannot be checked: its name and the reason."""
+
+
+def files_in(folder: Path) -> Iterator[Path]:
+    """The programs of a folder: scripts, and program trees without the script that PolyScope saves with them.
+
+    A script file that a tree there has in a Script node is a part of that program, and not checked alone.
+    """
+    files = sorted(file for file in folder.rglob("*") if file.suffix in (*SCRIPTS, _TREE))
+    saved = {file.with_suffix(SCRIPTS[0]) for file in files if file.suffix == _TREE}
+    parts = {name for file in files if file.suffix == _TREE for name in _script_nodes(file)}
+    for file in files:
+        alone = file in saved or file.name not in parts
+        if alone if file.suffix in SCRIPTS else not file.with_suffix(SCRIPTS[0]).exists():
+            yield file
+
+
+def _script_nodes(tree: Path) -> set[str]:
+    """The names of the files in the Script nodes of a program tree; empty if it cannot be read."""
+    from urscript.polyscope.document import DocumentError, unpacked
+
+    try:
+        with tree.open("rb") as file:
+            return {from_bytes(name) for name in _SCRIPT_NODE.findall(unpacked(content(str(tree), file)))}
+    except (OSError, DocumentError, SourceError):
+        return set()
+
+
+def sources_in(name: str, data: bytes | None, project: Project, version: PolyscopeVersion) -> list[Source]:
+    """The sources in a file. data: its content; None if it is still to be read. Raises SourceError and ProjectError."""
+    path = Path(name)
+    if path.suffix == _TREE and data is None:
+        return [_tree_source(name, path, version)]
+    try:
+        if data is None:
+            with path.open("rb") as file:
+                data = content(name, file)
+        if path.suffix in READERS:
+            text = from_bytes(data)
+            return [_embedded_source(name, found, text.split("\n")) for found in READERS[path.suffix](text)]
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise SourceError(f"{name}: {getattr(error, 'strerror', None) or error}") from None
+    return [_script_source(name, path, data, project)]
+
+
+def content(name: str, file: BinaryIO) -> bytes:
+    """The content of a file. Raises SourceError if it is too large."""
+    data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise SourceError(f"{name}: has more than {MAX_BYTES:,} bytes: split it")
+    return data
+
+
+def _script_source(name: str, path: Path, data: bytes, project: Project) -> Source:
+    placeholders = set[str]()
+    shown = from_bytes(data).replace("\r\n", "\n").removeprefix("\ufeff")
+    if project.matches(project.templates, path):
+        text, placeholders = filled(shown)
+        data = to_bytes(text)
+    lines = shown.split("\n")
+    before = project.preamble_text.count(b"\n")
+    script = ScriptFile(name, project.preamble_text + data)
+
+    def place(line: int, column: int) -> Place | None:
+        return _on(lines, line - before, column) if line > before else None
+
+    return Source(name, script, place, lines, placeholders, project.matches(project.open, path))
+
+
+def _on(lines: list[str], line: int, column: int) -> Place:
+    return line, column, lines[line - 1] if line <= len(lines) else ""
+
+
+def _embedded_source(name: str, found: Embedded, lines: list[str]) -> Source:
+    text, placeholders = filled(found.text) if "{" in found.text else (found.text, set[str]())
+
+    def place(line: int, column: int) -> Place:
+        host_line, start = found.starts[min(line, len(found.starts)) - 1]
+        return _on(lines, host_line, start + column - 1)
+
+    return Source(name, ScriptFile("program", to_bytes(text)), place, lines, placeholders, embedded=True)
+
+
+def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:
+    """The script of a program tree; a place is the line of the node that wrote it. Raises SourceError."""
+    from urscript.polyscope.document import DocumentError, Element  # here, because scripts need none of it
+    from urscript.polyscope.folder import ProgramsFolder
+    from urscript.polyscope.installation_file import InstallationFile, load_installation_file
+    from urscript.polyscope.program import write_steps
+    from urscript.polyscope.tree import read_tree_steps
+    from urscript.polyscope.writer import ExternalControlCode
+
+    folder, none = ProgramsFolder(path.absolute().parent), ExternalControlCode("", "")
+    try:
+        tree = run_to_end(read_tree_steps(path, folder))
+        beside = folder.installation(*tree.installation_names)
+        installation = load_installation_file(beside) if beside else InstallationFile()
+        wrong: list[tuple[Element, str]] = []
+        steps = write_steps(tree, installation, version=version, external_control=none, problems=wrong)
+        writer = run_to_end(steps)
+    except (OSError, DocumentError, ValueError) as error:
+        raise SourceError(f"{name}: {getattr(error, 'strerror', None) or error}") from None
+    written = writer.lines()
+    rows = [(text, writer.number(node) if node is not None else 0) for text, node in written for _ in text.split("\n")]
+
+    def place(line: int, column: int) -> Place:
+        text, number = rows[min(line, len(rows)) - 1]
+        return max(number, 1), column, text
+
+    broken = [(max(writer.number(node), 1), message) for node, message in wrong]
+    return Source(name, ScriptFile(path.stem, to_bytes(writer.text())), place, [], broken_nodes=broken)
