@@ -29,7 +29,7 @@ from urscript.inference import (
 )
 from urscript.literals import call_problems
 from urscript.methods import METHOD_HINTS
-from urscript.number_code import ARITHMETIC_HELPERS, number_arithmetic
+from urscript.number_code import ARITHMETIC_HELPERS, ROUNDING, number_arithmetic, rounded
 from urscript.pycode import (
     LOAD,
     STORE,
@@ -156,6 +156,7 @@ class ExpressionCompiler:
         self.scope = scope
         self.recursive = recursive
         self.stored_globals: set[str] = set()
+        self.assigned: set[str] = set()  # globals that have a value here, whatever happened before
         self.size = 0  # expressions compiled so far
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
@@ -288,7 +289,7 @@ class ExpressionCompiler:
         if not self.known(node.name):
             self.name_not_found(node.name, node, "variable")
         value = self.variable(node.name, place)
-        if self.is_local(node.name):
+        if self.is_local(node.name) or node.name in self.assigned:
             return value  # Python itself raises an error when a local has no value
         self.size += 1
         has_none = _compare(value, ast.Is(), load("_unset", place), place)
@@ -453,6 +454,8 @@ class ExpressionCompiler:
                     arguments.append(load("_omitted", place) if checked else constant(parameter.default, place))
         if builtin.takes_scope:
             arguments.insert(0, load("_locals", place))
+        if not checked and builtin.name in ROUNDING:
+            return rounded(builtin.name, arguments[0], place)
         code = call(f"{'b' if checked else 'u'}_{builtin.name}", place, *arguments)
         return yield_from(code, place) if builtin.takes_time else code
 

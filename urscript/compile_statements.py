@@ -62,6 +62,8 @@ _REST = 40  # minimum number of these in a piece at the end of a block
 _BRANCH_WORK = 4  # to put a branch before those that follow, without its contents
 _ROW = 20  # values from which a sequence is divided
 
+_MAIN = "main"  # Python name of the function compiled from the program body
+
 _OLD_SETTERS = {"digital_out": "set_digital_out"}
 """Arrays of signals that predate the functions for them; python-urx still writes one."""
 
@@ -69,10 +71,10 @@ _OLD_SETTERS = {"digital_out": "set_digital_out"}
 def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
     """The program body as the generator function ``main``, and the pieces it is divided into."""
     program = unit.program
-    compiler = _BodyCompiler(unit, program.scope, "main", charged=True, divided=True)
+    compiler = _BodyCompiler(unit, program.scope, _MAIN, charged=True, divided=True)
     place = place_of(program.body[0] if program.body else Node(1, 1))
     body = yield from compiler.body(program.body, place)
-    return [*compiler.pieces.functions, PythonFunction(function("main", [], body, place), compiler.inline)]
+    return [*compiler.pieces.functions, PythonFunction(function(_MAIN, [], body, place), compiler.inline)]
 
 
 def compile_function(
@@ -156,6 +158,8 @@ class _BodyCompiler(ExpressionCompiler):
         self._exits: list[Exit] = []  # exits of the code being compiled, like `stored_globals`
         self._counted = 0  # the part of the size whose work has been yielded
         self._charged = charged  # a generator, so that it can park
+        self._is_main = symbol == _MAIN
+        self._depth = 0  # number of blocks around the statement
         self._divided = divided
         self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
             Assign: _BodyCompiler._assign,
@@ -197,10 +201,13 @@ class _BodyCompiler(ExpressionCompiler):
             place = place_of(statement)
             if self.unit.stepped and not isinstance(statement, While):
                 code.append(ast.Expr(value=self._step(place), **place))
-            if isinstance(statement, If):
-                code += yield from self._if(statement, place)
-            elif isinstance(statement, While):
-                code += yield from self._while(statement, place)
+            if isinstance(statement, If | While):
+                self._depth += 1
+                if isinstance(statement, If):
+                    code += yield from self._if(statement, place)
+                else:
+                    code += yield from self._while(statement, place)
+                self._depth -= 1
             else:
                 if self._divided and statement.cost > _PIECE:
                     yield from self._divide_expressions(statement)
@@ -355,6 +362,8 @@ class _BodyCompiler(ExpressionCompiler):
         """
         name = f"v_{target}"
         self.stored_globals.add(name)
+        if self._is_main and not self._depth:
+            self.assigned.add(target)
         if is_plain(self.unit.kinds.variable(self.scope, target)):
             return [assign(name, value, place)]
         if self.unit.fixed_lists:

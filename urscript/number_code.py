@@ -16,6 +16,9 @@ from urscript.syntax import Binary, Constant, Expression, Name
 ARITHMETIC_HELPERS: Final = {"+": "_add", "-": "_sub", "*": "_mul", "/": "_div", "%": "_mod"}
 """The functions that perform an operation on operands of any kind, by their names in compiled code."""
 
+ROUNDING: Final = {"floor": "_floor", "ceil": "_ceil"}
+"""Built-ins that Python has, too, and their names in compiled code."""
+
 _PYTHON: Final[dict[str, type[ast.operator]]] = {"+": ast.Add, "-": ast.Sub, "*": ast.Mult, "/": ast.Div, "%": ast.Mod}
 _RESULT: Final = "_n"
 
@@ -32,6 +35,15 @@ def number_arithmetic(node: Binary, kind: KindSet, left: ast.expr, right: ast.ex
     if operator == "%":
         return _modulo(node, kind, plain, place)
     return plain if kind == FLOAT else _wrapped(node, plain, place)
+
+
+def rounded(name: str, argument: ast.expr, place: Place) -> ast.expr:
+    """The Python code for a function of `ROUNDING`, whose argument is a number: infinite and large ones need a call."""
+    number, again = _keep(argument, place)
+    bounds = [number, constant(_QUICK, place)]
+    test = ast.Compare(left=constant(-_QUICK, place), ops=[ast.LtE(), ast.LtE()], comparators=bounds, **place)
+    quick = call(ROUNDING[name], place, again)
+    return ast.IfExp(test=test, body=quick, orelse=call(f"u_{name}", place, again), **place)
 
 
 def _divide(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
