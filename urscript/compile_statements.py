@@ -9,7 +9,9 @@ from typing import Any
 
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
-from urscript.inference import is_plain
+from urscript.inference import VECTOR, is_plain
+from urscript.number_code import within
+from urscript.operators import UNSHARED_ITEM, UNSHARED_LOCAL
 from urscript.pieces import Exit, Part, Pieces, PythonFunction
 from urscript.pycode import (
     LOAD,
@@ -340,9 +342,53 @@ class _BodyCompiler(ExpressionCompiler):
             if self.is_local(target.name):
                 return [self.bind(target.name, value, place)]
             return self._assign_global(target.name, value, place)
+        if isinstance(target, Index) and self._is_quick_to_write(target, node.value):
+            return self._assign_element(target, node.value, value, place)
         stored = self.store(target, value, place)
         assert stored is not None, "the parser allows assignment only to variables and their parts"
         return [self.bind(*stored, place)]
+
+    def _is_quick_to_write(self, target: Index, item: Expression) -> bool:
+        """True for a scalar that becomes an element of a list; no call in it can change that variable."""
+        simple = isinstance(item, Name | Constant) or (
+            isinstance(target.target, Name) and self.is_local(target.target.name)
+        )
+        return simple and self.is_quick(target) and is_plain(self.kind(item))
+
+    def _assign_element(self, target: Index, item: Expression, value: ast.expr, place: Place) -> list[ast.stmt]:
+        """Write a scalar into a list in place if nothing else refers to it; otherwise, `_set_item` creates a copy."""
+        assert isinstance(target.target, Name), "only elements of variables are quick"
+        name, position = target.target.name, target.positions[0]
+        code: list[ast.stmt] = []
+        key = self.expression(position)
+        if not isinstance(position, Name | Constant):
+            code.append(assign("_key", key, place))
+            key = load("_key", place)
+        if not isinstance(item, Name | Constant):
+            code.append(assign("_new", value, place))
+            value = load("_new", place)
+        if not self.is_local(name):
+            self.stored_globals.add(f"v_{name}")
+        whole = self.variable(name, place)
+        fast = self.is_local(name) and not self.boxed
+        alone = ast.Compare(
+            left=call("_references", place, whole),
+            ops=[ast.Eq()],
+            comparators=[constant(UNSHARED_LOCAL if fast else UNSHARED_ITEM, place)],
+            **place,
+        )
+        tests: list[ast.expr] = [alone, within(key, whole, place)]
+        if self.kind(target.target) & VECTOR:  # a pose keeps its type
+            plain = ast.Compare(
+                left=attribute(whole, "__class__", place), ops=[ast.Is()], comparators=[load("_List", place)], **place
+            )
+            tests.insert(0, plain)
+        self.size += 8
+        element = ast.Subscript(value=whole, slice=key, ctx=ast.Store(), **place)
+        in_place = ast.Assign(targets=[element], value=value, **place)
+        test = ast.BoolOp(op=ast.And(), values=tests, **place)
+        copied = self.bind(name, call("_set_item", place, whole, key, value), place)
+        return [*code, ast.If(test=test, body=[in_place], orelse=[copied], **place)]
 
     def _old_setter(self, node: Assign) -> Call | None:
         """The built-in call that replaces an assignment such as ``digital_out[2] = True``, where the array is not a

@@ -60,7 +60,7 @@ def _modulo(node: Binary, kind: KindSet, plain: ast.BinOp, place: Place) -> ast.
     positive = _is_positive(node.right)
     if not positive and not isinstance(node.right, Name):
         return call("_mod", place, plain.left, plain.right)
-    first, again = _kept(node.left, plain.left, place)
+    first, again = kept(node.left, plain.left, place)
     ops: list[ast.cmpop] = [ast.GtE() if kind == INT else ast.Gt(), *([] if positive else [ast.Lt()])]
     bounds = [constant(0, place), *([] if positive else [plain.right])]
     return ast.IfExp(
@@ -84,7 +84,15 @@ def _wrapped(node: Binary, plain: ast.expr, place: Place) -> ast.expr:
     return ast.IfExp(test=test, body=again, orelse=call("_wrap", place, again), **place)
 
 
-def _kept(node: Expression, code: ast.expr, place: Place) -> tuple[ast.expr, ast.expr]:
+def within(position: ast.expr, value: ast.expr, place: Place) -> ast.expr:
+    """The Python test whether a position is one of a list."""
+    length = call("_len", place, value)
+    if isinstance(position, ast.Constant):  # never negative
+        return ast.Compare(left=position, ops=[ast.Lt()], comparators=[length], **place)
+    return ast.Compare(left=constant(0, place), ops=[ast.LtE(), ast.Lt()], comparators=[position, length], **place)
+
+
+def kept(node: Expression, code: ast.expr, place: Place) -> tuple[ast.expr, ast.expr]:
     """The Python code of a node for its first use, and for the uses right after it: it is evaluated only once."""
     if isinstance(node, (Name, Constant)):
         return code, code

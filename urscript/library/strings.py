@@ -8,7 +8,7 @@ from urproto.text import BLANKS, from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
-from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, as_string, to_text
+from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, as_string, to_text
 
 LIBRARY = Library("strings")
 
@@ -121,7 +121,7 @@ def to_num(str_: Str) -> float:
     return _within_range(str_, sign * float(digits), -sys.float_info.max, sys.float_info.max)
 
 
-def _within_range(text: str, value: Value, least: float, most: float) -> Value:
+def _within_range(text: str, value: float, least: float, most: float) -> float:
     if not least <= value <= most:
         raise RuntimeFault(f'to_num: "{text[:40]}" is out of range')
     return value
