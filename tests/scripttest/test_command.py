@@ -251,4 +251,4 @@ def test_the_example_cells(capsys: pytest.CaptureFixture[str], monkeypatch: pyte
     status = cli.main(["test", "examples/cells"])
     out = capsys.readouterr().out
     assert status == 0, out
-    assert "13 passed" in out
+    assert "14 passed" in out
