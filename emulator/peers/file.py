@@ -166,13 +166,7 @@ def _replies(
     code: TextCode,
     where: str,
 ) -> Replies:
-    rows = [
-        (
-            Pattern.parse(str(key)),
-            [one if isinstance(one, ReplyTemplate) else ReplyTemplate(one) for one in _list(value)],
-        )
-        for key, value in answers.items()
-    ]
+    rows = [(Pattern.parse(str(key)), [*map(_template, _list(value))]) for key, value in answers.items()]
     for pattern, replies in rows:
         for name in (*pattern.expression.groupindex, *(name for reply in replies for name in reply.changes)):
             state.setdefault(name, "")
@@ -189,9 +183,7 @@ def _template(value: ReplyTemplate | Text) -> ReplyTemplate:
 def _filled(reply: ReplyTemplate, state: Mapping[str, Text], code: TextCode, where: str) -> Reply:
     """The reply as it is at first. Raises PeersError."""
     if unknown := reply.variables - state.keys():
-        raise PeersError(
-            f"{where}: there is no variable {min(unknown)}: add it to 'state', or name a group of a pattern"
-        )
+        raise PeersError(f"{where}: there is no variable {min(unknown)}: add it to 'state', or name a group so")
     try:
         return reply.fill(dict(state), code)
     except ValueError as error:
