@@ -19,7 +19,7 @@ from urscript.parser import normalize, parse
 from urscript.work import run_to_end
 
 _NAME: Final = "urscript_test"
-_DEFINED: Final = re.compile(r"\s*(?:def|thread)\s+(\w+)\s*\(")
+_DEFINED: Final = re.compile(r"\s*(def|thread)\s+(\w+)\s*\(\s*(\)?)")
 _MOCK: Final = re.compile(r"^\s*(?:def|thread)\s+mock_(\w+)\s*\(", re.MULTILINE)
 _SECONDARY: Final = re.compile(r"\s*sec\s")
 _PREFIX: Final = "mock_"
@@ -57,7 +57,8 @@ class Source:
             position = self.text.index(text, position)
             line = self.text.count("\n", 0, position) + 1
             if found := _DEFINED.match(text):
-                self.definitions.append(Definition(found[1], line, position, position + len(text)))
+                self.definitions.append(Definition(found[2], line, position, position + len(text)))
+                others = others or found[1] == "thread" or not found[3]
             elif _SECONDARY.match(text):
                 raise CompileError.syntax("a secondary program cannot be tested with others", line, 1, self.text)
             others = others or (found is None and bool(normalize(text)))
