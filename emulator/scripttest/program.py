@@ -80,12 +80,13 @@ class Source:
         """The lines with calls of mocks, and the columns at which the prefix of a mock was inserted."""
         inside = {one.name: range(one.begin, one.end) for one in self.definitions}
         names = "|".join(map(re.escape, mocks))
-        calls = re.compile(rf'"[^"]*"|#[^\n]*|(?<![\w.])(?<!def )(?<!thread )({names})(?=\s*\()' if names else r"(?!)")
+        others = r'"[^"]*"|#[^\n]*|\b(?:def|thread)\s+\w+'
+        calls = re.compile(rf"{others}|(?<![\w.])({names})(?=\s*\()" if names else r"(?!)")
         inserted: dict[int, list[int]] = {}
         pieces, done = [], 0
         for found in calls.finditer(self.text):
             if found[1] is None or found.start() in inside.get(_PREFIX + found[1], ()):
-                continue  # a text or comment, or a mock that calls the real function
+                continue  # a text, a comment or a definition; or a mock that calls the real function
             pieces += [self.text[done : found.start()], _PREFIX]
             done = found.start()
             line = self.text.count("\n", 0, done)

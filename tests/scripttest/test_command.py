@@ -124,7 +124,7 @@ def test_settings(body: str, settings: str, problem: str, go: Go) -> None:
 def test_mocks_replace_calls_everywhere_but_in_themselves(go: Go) -> None:
     files = {
         "cell.script": 'def step(q):\n  movej(q)  # movej(q)\n  return str_cat("movej(", add(1, 2))\nend\n'
-        "def add(a, b):\n  return a + b\nend\n",
+        "def  add(a, b):\n  return a + b\nend\n",
         "test_cell.script": """calls = 0
             def mock_movej(q): calls = calls + 1 end
             def mock_add(a, b): return add(a, b) * 10 end
