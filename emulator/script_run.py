@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 Setter: TypeAlias = Callable[[Controller, int, float], Any]
 
+INTERRUPTED: Final = "interrupted"  # the failure of a run that was ended by Ctrl-C
 _NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")
 _INPUTS: Final[dict[str, tuple[int, Setter]]] = {
     "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value))),
@@ -146,7 +147,7 @@ class Setup:
         try:
             asyncio.run(_drive(batch, self.controller, options.speed, network, self.peers, after_tick))
         except KeyboardInterrupt:
-            batch.stop("interrupted")
+            batch.stop(INTERRUPTED)
         for entry in self.faults.listing() if self.faults is not None else ():
             if entry["problem"]:
                 batch.stop(f"the fault {entry['kind']} failed: {entry['problem']}")

@@ -56,6 +56,7 @@ THIRD_PARTY = {
         "emulator.campaign",
         "emulator.physics.description",
         "emulator.journal.values",
+        "emulator.peers",
     ),
     "mujoco": ("emulator.physics",),
     "PIL": ("emulator.physics.drawing", "client.lerobot"),

@@ -22,6 +22,7 @@ from urscript.inference import (
     Kinds,
     KindSet,
     arithmetic,
+    is_list,
     is_local,
     is_number,
     is_ordered,
@@ -29,7 +30,7 @@ from urscript.inference import (
 )
 from urscript.literals import Mistake, call_problems
 from urscript.methods import METHOD_HINTS
-from urscript.number_code import ARITHMETIC_HELPERS, number_arithmetic
+from urscript.number_code import ARITHMETIC_HELPERS, ROUNDING, kept, number_arithmetic, rounded, within
 from urscript.pycode import (
     LOAD,
     STORE,
@@ -158,6 +159,7 @@ class ExpressionCompiler:
         self.scope = scope
         self.recursive = recursive
         self.stored_globals: set[str] = set()
+        self.assigned: set[str] = set()  # globals that have a value here, whatever happened before
         self.size = 0  # expressions compiled so far
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
@@ -290,8 +292,8 @@ class ExpressionCompiler:
         if not self.known(node.name):
             self.name_not_found(node.name, node, "variable")
         value = self.variable(node.name, place)
-        if self.is_local(node.name):
-            return value  # Python itself raises an error when a local has no value
+        if self._has_value(node):
+            return value
         self.size += 1
         has_none = _compare(value, ast.Is(), load("_unset", place), place)
         return ast.IfExp(has_none, call("_without_value", place, constant(node.name, place)), value, **place)
@@ -389,7 +391,29 @@ class ExpressionCompiler:
         target = self.operand(node.target)
         if len(positions) == 2:
             return call("_cell", place, target, *positions)
-        return call("_index", place, target, positions[0])
+        if not self.is_quick(node):
+            return call("_index", place, target, positions[0])
+        self.size += 4
+        first, again = kept(node.positions[0], positions[0], place)
+        element = ast.Subscript(value=target, slice=again, ctx=LOAD, **place)
+        return ast.IfExp(within(first, target, place), element, call("_index", place, target, again), **place)
+
+    def is_quick(self, node: Index) -> bool:
+        """True for an element of a variable with a value that can only be a list, at a position that is an int.
+
+        No call in the position can change the variable.
+        """
+        target, position = node.target, node.positions[0]
+        if len(node.positions) > 1 or not isinstance(target, Name) or not self._has_value(target):
+            return False
+        simple = isinstance(position, Constant) or (isinstance(position, Name) and self._has_value(position))
+        if not simple and not (self.is_local(target.name) and isinstance(position, Binary)):
+            return False
+        return self.kind(position) == INT and is_list(self.kind(target))
+
+    def _has_value(self, node: Name) -> bool:
+        """True for a global that has a value here, and for a local: Python itself raises an error without a value."""
+        return self.is_local(node.name) or node.name in self.assigned
 
     def _member(self, node: Member, place: Place) -> ast.expr:
         return call("_member", place, self.expression(node.target), constant(node.name, place))
@@ -455,6 +479,8 @@ class ExpressionCompiler:
                     arguments.append(load("_omitted", place) if checked else constant(parameter.default, place))
         if builtin.takes_scope:
             arguments.insert(0, load("_locals", place))
+        if not checked and builtin.name in ROUNDING:
+            return rounded(builtin.name, arguments[0], place)
         code = call(f"{'b' if checked else 'u'}_{builtin.name}", place, *arguments)
         return yield_from(code, place) if builtin.takes_time else code
 

@@ -9,7 +9,9 @@ from typing import Any
 
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
-from urscript.inference import is_plain
+from urscript.inference import VECTOR, is_plain
+from urscript.number_code import within
+from urscript.operators import UNSHARED_ITEM, UNSHARED_LOCAL
 from urscript.pieces import Exit, Part, Pieces, PythonFunction
 from urscript.pycode import (
     LOAD,
@@ -62,6 +64,8 @@ _REST = 40  # minimum number of these in a piece at the end of a block
 _BRANCH_WORK = 4  # to put a branch before those that follow, without its contents
 _ROW = 20  # values from which a sequence is divided
 
+_MAIN = "main"  # Python name of the function compiled from the program body
+
 _OLD_SETTERS = {"digital_out": "set_digital_out"}
 """Arrays of signals that predate the functions for them; python-urx still writes one."""
 
@@ -69,10 +73,10 @@ _OLD_SETTERS = {"digital_out": "set_digital_out"}
 def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
     """The program body as the generator function ``main``, and the pieces it is divided into."""
     program = unit.program
-    compiler = _BodyCompiler(unit, program.scope, "main", charged=True, divided=unit.divided)
+    compiler = _BodyCompiler(unit, program.scope, _MAIN, charged=True, divided=unit.divided)
     place = place_of(program.body[0] if program.body else Node(1, 1))
     body = yield from compiler.body(program.body, place)
-    return [*compiler.pieces.functions, PythonFunction(function("main", [], body, place), compiler.inline)]
+    return [*compiler.pieces.functions, PythonFunction(function(_MAIN, [], body, place), compiler.inline)]
 
 
 def compile_function(
@@ -156,6 +160,8 @@ class _BodyCompiler(ExpressionCompiler):
         self._exits: list[Exit] = []  # exits of the code being compiled, like `stored_globals`
         self._counted = 0  # the part of the size whose work has been yielded
         self._charged = charged  # a generator, so that it can park
+        self._is_main = symbol == _MAIN
+        self._depth = 0  # number of blocks around the statement
         self._divided = divided
         self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
             Assign: _BodyCompiler._assign,
@@ -197,10 +203,13 @@ class _BodyCompiler(ExpressionCompiler):
             place = place_of(statement)
             if self.unit.stepped and not isinstance(statement, While):
                 code.append(ast.Expr(value=self._step(place), **place))
-            if isinstance(statement, If):
-                code += yield from self._if(statement, place)
-            elif isinstance(statement, While):
-                code += yield from self._while(statement, place)
+            if isinstance(statement, If | While):
+                self._depth += 1
+                if isinstance(statement, If):
+                    code += yield from self._if(statement, place)
+                else:
+                    code += yield from self._while(statement, place)
+                self._depth -= 1
             else:
                 if self._divided and statement.cost > _PIECE:
                     yield from self._divide_expressions(statement)
@@ -333,9 +342,53 @@ class _BodyCompiler(ExpressionCompiler):
             if self.is_local(target.name):
                 return [self.bind(target.name, value, place)]
             return self._assign_global(target.name, value, place)
+        if isinstance(target, Index) and self._is_quick_to_write(target, node.value):
+            return self._assign_element(target, node.value, value, place)
         stored = self.store(target, value, place)
         assert stored is not None, "the parser allows assignment only to variables and their parts"
         return [self.bind(*stored, place)]
+
+    def _is_quick_to_write(self, target: Index, item: Expression) -> bool:
+        """True for a scalar that becomes an element of a list; no call in it can change that variable."""
+        simple = isinstance(item, Name | Constant) or (
+            isinstance(target.target, Name) and self.is_local(target.target.name)
+        )
+        return simple and self.is_quick(target) and is_plain(self.kind(item))
+
+    def _assign_element(self, target: Index, item: Expression, value: ast.expr, place: Place) -> list[ast.stmt]:
+        """Write a scalar into a list in place if nothing else refers to it; otherwise, `_set_item` creates a copy."""
+        assert isinstance(target.target, Name), "only elements of variables are quick"
+        name, position = target.target.name, target.positions[0]
+        code: list[ast.stmt] = []
+        key = self.expression(position)
+        if not isinstance(position, Name | Constant):
+            code.append(assign("_key", key, place))
+            key = load("_key", place)
+        if not isinstance(item, Name | Constant):
+            code.append(assign("_new", value, place))
+            value = load("_new", place)
+        if not self.is_local(name):
+            self.stored_globals.add(f"v_{name}")
+        whole = self.variable(name, place)
+        fast = self.is_local(name) and not self.boxed
+        alone = ast.Compare(
+            left=call("_references", place, whole),
+            ops=[ast.Eq()],
+            comparators=[constant(UNSHARED_LOCAL if fast else UNSHARED_ITEM, place)],
+            **place,
+        )
+        tests: list[ast.expr] = [alone, within(key, whole, place)]
+        if self.kind(target.target) & VECTOR:  # a pose keeps its type
+            plain = ast.Compare(
+                left=attribute(whole, "__class__", place), ops=[ast.Is()], comparators=[load("_List", place)], **place
+            )
+            tests.insert(0, plain)
+        self.size += 8
+        element = ast.Subscript(value=whole, slice=key, ctx=ast.Store(), **place)
+        in_place = ast.Assign(targets=[element], value=value, **place)
+        test = ast.BoolOp(op=ast.And(), values=tests, **place)
+        copied = self.bind(name, call("_set_item", place, whole, key, value), place)
+        return [*code, ast.If(test=test, body=[in_place], orelse=[copied], **place)]
 
     def _old_setter(self, node: Assign) -> Call | None:
         """The built-in call that replaces an assignment such as ``digital_out[2] = True``, where the array is not a
@@ -355,6 +408,8 @@ class _BodyCompiler(ExpressionCompiler):
         """
         name = f"v_{target}"
         self.stored_globals.add(name)
+        if self._is_main and not self._depth:
+            self.assigned.add(target)
         if is_plain(self.unit.kinds.variable(self.scope, target)):
             return [assign(name, value, place)]
         if self.unit.fixed_lists:

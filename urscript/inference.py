@@ -117,6 +117,11 @@ def is_vector(kind: KindSet) -> bool:
     return kind > 0 and not kind & ~_VECTORS
 
 
+def is_list(kind: KindSet) -> bool:
+    """True for values that can only be poses and lists."""
+    return kind > 0 and not kind & ~(VECTOR | LISTS)
+
+
 def element_kind(kind: KindSet) -> KindSet:
     """The kinds that an element of a value may have."""
     if kind & ~(VECTOR | LISTS):

@@ -16,6 +16,9 @@ from urscript.syntax import Binary, Constant, Expression, Name
 ARITHMETIC_HELPERS: Final = {"+": "_add", "-": "_sub", "*": "_mul", "/": "_div", "%": "_mod"}
 """The functions that perform an operation on operands of any kind, by their names in compiled code."""
 
+ROUNDING: Final = {"floor": "_floor", "ceil": "_ceil"}
+"""Built-ins that Python has, too, and their names in compiled code."""
+
 _PYTHON: Final[dict[str, type[ast.operator]]] = {"+": ast.Add, "-": ast.Sub, "*": ast.Mult, "/": ast.Div, "%": ast.Mod}
 _RESULT: Final = "_n"
 
@@ -34,6 +37,15 @@ def number_arithmetic(node: Binary, kind: KindSet, left: ast.expr, right: ast.ex
     return plain if kind == FLOAT else _wrapped(node, plain, place)
 
 
+def rounded(name: str, argument: ast.expr, place: Place) -> ast.expr:
+    """The Python code for a function of `ROUNDING`, whose argument is a number: infinite and large ones need a call."""
+    number, again = _keep(argument, place)
+    bounds = [number, constant(_QUICK, place)]
+    test = ast.Compare(left=constant(-_QUICK, place), ops=[ast.LtE(), ast.LtE()], comparators=bounds, **place)
+    quick = call(ROUNDING[name], place, again)
+    return ast.IfExp(test=test, body=quick, orelse=call(f"u_{name}", place, again), **place)
+
+
 def _divide(node: Binary, plain: ast.BinOp, place: Place) -> ast.expr:
     if _is_positive(node.right):
         return plain
@@ -48,7 +60,7 @@ def _modulo(node: Binary, kind: KindSet, plain: ast.BinOp, place: Place) -> ast.
     positive = _is_positive(node.right)
     if not positive and not isinstance(node.right, Name):
         return call("_mod", place, plain.left, plain.right)
-    first, again = _kept(node.left, plain.left, place)
+    first, again = kept(node.left, plain.left, place)
     ops: list[ast.cmpop] = [ast.GtE() if kind == INT else ast.Gt(), *([] if positive else [ast.Lt()])]
     bounds = [constant(0, place), *([] if positive else [plain.right])]
     return ast.IfExp(
@@ -72,7 +84,15 @@ def _wrapped(node: Binary, plain: ast.expr, place: Place) -> ast.expr:
     return ast.IfExp(test=test, body=again, orelse=call("_wrap", place, again), **place)
 
 
-def _kept(node: Expression, code: ast.expr, place: Place) -> tuple[ast.expr, ast.expr]:
+def within(position: ast.expr, value: ast.expr, place: Place) -> ast.expr:
+    """The Python test whether a position is one of a list."""
+    length = call("_len", place, value)
+    if isinstance(position, ast.Constant):  # never negative
+        return ast.Compare(left=position, ops=[ast.Lt()], comparators=[length], **place)
+    return ast.Compare(left=constant(0, place), ops=[ast.LtE(), ast.Lt()], comparators=[position, length], **place)
+
+
+def kept(node: Expression, code: ast.expr, place: Place) -> tuple[ast.expr, ast.expr]:
     """The Python code of a node for its first use, and for the uses right after it: it is evaluated only once."""
     if isinstance(node, (Name, Constant)):
         return code, code

@@ -414,23 +414,28 @@ def member(value: Value, name: str) -> Value:
 Key = Any  # str: a member; a number: an index; a pair: a matrix cell
 
 
-_references: Callable[[Any], int] = getattr(sys, "getrefcount", lambda _: -1)
+references: Callable[[Any], int] = getattr(sys, "getrefcount", lambda _: -1)
 
 
-def _references_when_unshared() -> int:
-    """The references that `set_item` counts for a list that only a variable of a program refers to; 0 if that says
+def _references_when_unshared(count: str, variable: str = "v_a") -> int:
+    """The references that an expression counts for a list that only a variable of a program refers to; 0 if that says
     nothing.
 
     The number depends on how Python passes arguments, so it is measured by a function compiled like those of programs.
     """
     if sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
         return 0
-    namespace: dict[str, Any] = {"_set_item": lambda value, key, item: _references(value)}
-    exec("def count():\n  v_a = [0]\n  v_a = _set_item(v_a, 0, 1)\n  return v_a", namespace)
+    names = {"_set_item": lambda value, key, item: references(value), "references": references}
+    namespace: dict[str, Any] = {**names, "_locals": {}}
+    exec(f"def count():\n  {variable} = [0]\n  v_n = {count}\n  return v_n", namespace)
     return int(namespace["count"]())
 
 
-_UNSHARED: Final = _references_when_unshared()
+_UNSHARED: Final = _references_when_unshared("_set_item(v_a, 0, 1)")
+UNSHARED_LOCAL: Final = _references_when_unshared("references(v_a)")
+"""What `references` returns in compiled code for a list to which only a local variable refers."""
+UNSHARED_ITEM: Final = _references_when_unshared('references(_locals["a"])', '_locals["a"]')
+"""The same for a global, or an item of ``_locals``."""
 
 
 def _copied(value: list[Value]) -> list[Value]:
@@ -447,7 +452,7 @@ def set_item(value: Value, key: Key, item: Value) -> Value:
     """
     result: Value
     if isinstance(value, list) and value.__class__ is not Pose and key.__class__ is int and 0 <= key < len(value):
-        if _references(value) == _UNSHARED and item.__class__ in _SCALARS:
+        if references(value) == _UNSHARED and item.__class__ in _SCALARS:
             value[key] = item
             return value
         result = _copied(value)

@@ -25,6 +25,7 @@ A thread handle is an int, so ``thread = 0`` is the handle of no thread: killing
 thread also kills its children.
 """
 
+import math
 import re
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
@@ -500,6 +501,8 @@ _HELPERS: dict[str, Any] = {
     "_mul": operators.mul,
     "_div": operators.div,
     "_mod": operators.mod,
+    "_floor": math.floor,
+    "_ceil": math.ceil,
     "_wrap": operators.wrap,
     "_neg": operators.neg,
     "_pos": operators.pos,
@@ -517,6 +520,9 @@ _HELPERS: dict[str, Any] = {
     "_cell": operators.cell,
     "_member": member,
     "_set_item": operators.set_item,
+    "_references": operators.references,
+    "_len": len,
+    "_List": list,
     "_set_path": operators.set_path,
     "_retype": operators.retype,
     "_retype_fixed": operators.retype_fixed,

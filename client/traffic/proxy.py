@@ -19,7 +19,7 @@ from typing import Final
 
 from client.errors import RobotUnreachableError
 from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS, query_identity
-from client.traffic.recording import FLUSH_S, Recorder, TrafficRecorder
+from client.traffic.recording import FLUSH_S, ConversationRecorder, TrafficRecorder
 from client.traffic.relay import DIAL_S, Relay, reason_of
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
@@ -92,7 +92,7 @@ class Proxy:
     def __init__(
         self,
         routes: Iterable[Route],
-        recorder: Recorder | None = None,
+        recorder: ConversationRecorder | None = None,
         report: Callable[[str], None] = _logger.info,
     ) -> None:
         self.routes = {route.name: route for route in routes}
@@ -207,7 +207,7 @@ class Proxy:
         self._relays.add(relay)
         return relay.client
 
-    async def _keep_flushing(self, recorder: Recorder) -> None:
+    async def _keep_flushing(self, recorder: ConversationRecorder) -> None:
         while True:
             await asyncio.sleep(FLUSH_S)
             recorder.flush()

@@ -119,7 +119,7 @@ class ConnectionRecorder(Protocol):
         """This end has reset the connection."""
 
 
-class Recorder(Protocol):
+class ConversationRecorder(Protocol):
     """Records the connections of a proxy."""
 
     def connection(self, client: SocketAddress, server: SocketAddress) -> ConnectionRecorder:

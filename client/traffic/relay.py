@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Final, cast
 
 from client.decoding.packets import SocketAddress
-from client.traffic.recording import ConnectionRecorder, Recorder
+from client.traffic.recording import ConnectionRecorder, ConversationRecorder
 from urproto.compat_asyncio import pause_reading, timeout
 
 DIAL_S: Final = 5.0  # how long a robot may take to accept a connection (guess)
@@ -23,7 +23,7 @@ class Relay:
     """
 
     def __init__(
-        self, host: str, target: int, port: int, recorder: Recorder | None, ended: Callable[["Relay"], None]
+        self, host: str, target: int, port: int, recorder: ConversationRecorder | None, ended: Callable[["Relay"], None]
     ) -> None:
         self.finished = asyncio.Event()
         self.refusal: str | None = None

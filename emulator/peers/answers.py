@@ -2,11 +2,16 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
-from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, Protocol, TypeAlias
+
+from msgspec import Meta, Struct, field
 
 from emulator.peers.log import Pattern, PeerLog
 from urproto.text import from_bytes, strip, to_bytes
+
+Text: TypeAlias = str | int | float
+Seconds: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e9)]
 
 _VARIABLE: Final = re.compile(r"\$\{(\w+)\}")
 
@@ -68,50 +73,41 @@ class TextCode:
         return bytes.fromhex(text) if self.binary else to_bytes(text)
 
 
-@dataclass(frozen=True)
-class ReplyTemplate:
+class ReplyTemplate(Struct, frozen=True, forbid_unknown_fields=True):
     """A reply in whose text ``${NAME}`` stands for a variable of the peer. changes: variables that it sets."""
 
-    text: str
-    delay_s: float = 0.0
+    reply: Text = ""
+    delay: Seconds = 0.0
     close: bool = False
-    changes: Mapping[str, str] = field(default_factory=dict)
+    changes: dict[str, Text] = field(name="set", default_factory=dict)
 
     @property
     def variables(self) -> set[str]:
-        return {name for text in (self.text, *self.changes.values()) for name in _VARIABLE.findall(text)}
+        return {name for text in (self.reply, *self.changes.values()) for name in _VARIABLE.findall(str(text))}
 
-    def fill(self, state: MutableMapping[str, str], code: TextCode) -> Reply:
+    def fill(self, state: MutableMapping[str, Text], code: TextCode) -> Reply:
         """Set the variables and return the reply."""
         for name, value in self.changes.items():
             state[name] = _filled(value, state)
-        return Reply(code.write(_filled(self.text, state)), self.delay_s, self.close)
+        return Reply(code.write(_filled(self.reply, state)), self.delay, self.close)
 
 
-def _filled(text: str, state: Mapping[str, str]) -> str:
-    return _VARIABLE.sub(lambda found: state[found[1]], text)
+def _filled(text: Text, state: Mapping[str, Text]) -> str:
+    return _VARIABLE.sub(lambda found: str(state[found[1]]), str(text))
 
 
 @dataclass
-class Dialogue:
-    """Answers messages by their patterns; a message that is written like a pattern itself comes first.
+class Replies:
+    """Replies by the patterns of messages; a message that is written like a pattern itself comes first.
 
-    cutter: takes messages off a buffer. state: variables, which named groups of the patterns set. rows: for each
-    pattern, the replies one after the other, of which the last one repeats.
+    state: variables, which named groups of the patterns set. rows: for each pattern, the replies one after the other.
     """
 
-    log: PeerLog
     code: TextCode
-    cutter: Callable[[bytearray, bool], Iterator[bytes]]
-    state: dict[str, str]
+    state: dict[str, Text]
     rows: list[tuple[Pattern, Iterator[ReplyTemplate]]]
 
-    def cut(self, buffer: bytearray, idle: bool) -> Iterator[bytes]:
-        return self.cutter(buffer, idle)
-
-    def answer(self, message: bytes) -> Reply:
-        text = self.code.read(message)
-        self.log.add(text)
+    def __call__(self, _message: bytes, text: str) -> Reply:
         for pattern, replies in sorted(self.rows, key=lambda row: row[0].text != text):
             if found := pattern.match(text):
                 self.state.update({name: value or "" for name, value in found.groupdict().items()})
@@ -121,19 +117,25 @@ class Dialogue:
 
 @dataclass
 class Computed:
-    """Answers what a Python function returns for a message: bytes, text, a number, or None for no answer."""
+    """What a Python function returns for a message: bytes, text, a number, or None for no answer."""
+
+    function: Callable[[bytes], Any]
+
+    def __call__(self, message: bytes, _text: str) -> Reply:
+        value = self.function(message)
+        return Reply(value if isinstance(value, bytes) else b"" if value is None else to_bytes(str(value)))
+
+
+@dataclass
+class Dialogue:
+    """Answers messages on a socket. cut: see `Answerer`. reply: finds the reply to a message and its text."""
 
     log: PeerLog
     code: TextCode
-    cutter: Callable[[bytearray, bool], Iterator[bytes]]
-    function: Callable[[bytes], Any]
-
-    def cut(self, buffer: bytearray, idle: bool) -> Iterator[bytes]:
-        return self.cutter(buffer, idle)
+    cut: Callable[[bytearray, bool], Iterator[bytes]]
+    reply: Callable[[bytes, str], Reply]
 
     def answer(self, message: bytes) -> Reply:
-        self.log.add(self.code.read(message))
-        value = self.function(message)
-        if value is None:
-            return Reply()
-        return Reply(value if isinstance(value, bytes) else to_bytes(str(value)))
+        text = self.code.read(message)
+        self.log.add(text)
+        return self.reply(message, text)

@@ -1,7 +1,7 @@
 """Peers on sockets: what one does on each connection of a script, in robot time."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from emulator.controller import Controller
@@ -39,7 +39,7 @@ class Peers:
     """The peers of a run by their addresses: sockets by host or ``*`` and port, Modbus units by host."""
 
     sockets: dict[tuple[str, int], SocketPeer]
-    units: Mapping[str, UnitPeer]
+    units: dict[str, UnitPeer]
     _network: ScriptSocketBackend = field(default_factory=NoNetwork)
 
     @property

@@ -7,16 +7,21 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeAlias, TypeVar
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
+import msgspec
+from msgspec import Meta, Struct
+
 from emulator.peers.answers import (
-    Answerer,
     Computed,
     Dialogue,
+    Replies,
     Reply,
     ReplyTemplate,
+    Seconds,
+    Text,
     TextCode,
     cut_all,
     cut_at,
@@ -30,10 +35,59 @@ from urproto.yamltext import InvalidYamlError, load_yaml
 
 _HTTP_PORT: Final = 80
 _PYTHON: Final = re.compile(r"(.+\.py):([A-Za-z_]\w*)")
-_COMMON: Final = ("expect", "delay", "refuse")
-_SOCKET: Final = ("greeting", "answers", "state", "delimiter", "size", "binary", "sends", *_COMMON)
-_REPLY: Final = ("reply", "delay", "close", "set")
+
+_Word: TypeAlias = Annotated[int, Meta(ge=0, le=0xFFFF)]
+_ReplyTemplate: TypeAlias = ReplyTemplate | Text
+_Several: TypeAlias = Annotated[list[_ReplyTemplate], Meta(min_length=1)]
+_Values: TypeAlias = dict[_Word, _Word | Annotated[list[_Word], Meta(min_length=1)]]
 _ItemT = TypeVar("_ItemT")
+
+
+class _File(Struct, forbid_unknown_fields=True):
+    sockets: dict[str, Any] = {}
+    xmlrpc: dict[str, Any] = {}
+    modbus: dict[str, Any] = {}
+
+
+class _Peer(Struct, forbid_unknown_fields=True):
+    expect: list[Text] | Text = []
+    delay: Seconds = 0.0
+    refuse: bool | Annotated[int, Meta(ge=0)] = False
+
+    def log(self, name: str) -> PeerLog:
+        return PeerLog(name, [Pattern.parse(str(text)) for text in _list(self.expect)])
+
+    @property
+    def refusals(self) -> float:
+        return math.inf if self.refuse is True else int(self.refuse)
+
+
+class _Sending(Struct, forbid_unknown_fields=True):
+    text: Text = ""
+    after: Seconds | None = None
+    every: Annotated[float, Meta(gt=0.0)] = math.inf
+    close: bool = False
+
+
+class _Socket(_Peer):
+    greeting: Text = ""
+    answers: str | dict[Text, _ReplyTemplate | _Several] = {}
+    state: dict[str, Text] = {}
+    delimiter: Annotated[str, Meta(min_length=1)] = ""
+    size: Annotated[int, Meta(ge=1)] = 0
+    binary: bool = False
+    sends: list[_Sending] = []
+
+
+class _Methods(_Peer):
+    methods: str | dict[str, Any] = {}
+
+
+class _Unit(_Peer):
+    coils: _Values = {}
+    registers: _Values = {}
+    device: str = ""
+    exception: _Word = 0
 
 
 def read_peers(path: Path) -> Peers:
@@ -47,16 +101,23 @@ def read_peers(path: Path) -> Peers:
 
 def parse_peers(content: Any, where: str, folder: Path) -> Peers:
     """The peers that data describes. where: for messages. folder: of the Python files it names. Raises PeersError."""
-    whole = _fields(content, where, ("sockets", "xmlrpc", "modbus"))
+    whole = _converted(content, _File, where)
     python = _Python(folder)
-    sockets, units = {}, {}
-    for name, entry in _mapping(whole.get("sockets", {}), f"{where}: sockets").items():
-        sockets[_address(str(name), where)] = _socket_peer(str(name), entry, f"{where}: {name}", python)
-    for url, entry in _mapping(whole.get("xmlrpc", {}), f"{where}: xmlrpc").items():
-        sockets[_url(str(url), where)] = _xmlrpc_peer(str(url), entry, f"{where}: {url}", python)
-    for host, entry in _mapping(whole.get("modbus", {}), f"{where}: modbus").items():
-        units[str(host)] = _unit(str(host), entry, f"{where}: {host}", python)
-    return Peers(sockets, units)
+    peers = Peers({}, {})
+    for name, entry in whole.sockets.items():
+        peers.sockets[_address(name, where)] = _socket_peer(name, entry, f"{where}: {name}", python)
+    for url, entry in whole.xmlrpc.items():
+        peers.sockets[_url(url, where)] = _xmlrpc_peer(url, entry, f"{where}: {url}", python)
+    for host, entry in whole.modbus.items():
+        peers.units[host] = _unit(host, entry, f"{where}: {host}", python)
+    return peers
+
+
+def _converted(content: Any, kind: type[_ItemT], where: str) -> _ItemT:
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        raise PeersError(f"{where}: {error}") from error
 
 
 @dataclass
@@ -87,53 +148,59 @@ class _Python:
 
 
 def _socket_peer(name: str, entry: Any, where: str, python: _Python) -> SocketPeer:
-    fields = _fields(entry, where, _SOCKET)
-    code = TextCode(bool(fields.get("binary", False)))
-    log = _log(name, fields, where)
-    state = {str(key): _text(value, where) for key, value in _mapping(fields.get("state", {}), where).items()}
-    announcements = [_announcement(one, code, state, where) for one in _list(fields.get("sends", []))]
-    if "greeting" in fields:
-        announcements.insert(0, Announcement(_template(fields["greeting"], where).fill(dict(state), code)))
-    answerer = _answerer(fields, log, code, state, where, python)
-    return SocketPeer(log, answerer, announcements, _seconds(fields, "delay", where), _refusals(fields, where))
+    described = _converted(entry, _Socket, where)
+    code, log, state = TextCode(described.binary), described.log(name), described.state
+    if isinstance(described.answers, str):
+        reply: Callable[[bytes, str], Reply] = Computed(python.object(described.answers, where))
+    else:
+        reply = _replies(described.answers, state, code, where)
+    sendings = [_Sending(described.greeting), *described.sends] if described.greeting else described.sends
+    announcements = [_announcement(one, state, code, where) for one in sendings]
+    answerer = Dialogue(log, code, _cutter(described, code, where), reply)
+    return SocketPeer(log, answerer, announcements, described.delay, described.refusals)
 
 
-def _answerer(
-    fields: Mapping[str, Any], log: PeerLog, code: TextCode, state: dict[str, str], where: str, python: _Python
-) -> Answerer:
-    cutter = _cutter(fields, code, where)
-    answers = fields.get("answers", {})
-    if isinstance(answers, str):
-        return Computed(log, code, cutter, _function(python.object(answers, where), where))
-    rows, known = [], set(state)
-    for key, value in _mapping(answers, f"{where}: answers").items():
-        pattern = Pattern.parse(str(key))
-        replies = [_template(one, where) for one in _list(value)]
-        if not replies:
-            raise PeersError(f"{where}: a list of answers must not be empty")
-        rows.append((pattern, replies))
-        known |= {*pattern.expression.groupindex, *(name for reply in replies for name in reply.changes)}
-    for _, replies in rows:
-        for unknown in sorted(name for reply in replies for name in reply.variables - known):
-            raise PeersError(
-                f"{where}: there is no variable {unknown}: add it to 'state', or name a group of a pattern"
-            )
-    state.update(dict.fromkeys(known - state.keys(), ""))
+def _replies(
+    answers: Mapping[Text, ReplyTemplate | Text | list[ReplyTemplate | Text]],
+    state: dict[str, Text],
+    code: TextCode,
+    where: str,
+) -> Replies:
+    rows = [(Pattern.parse(str(key)), [*map(_template, _list(value))]) for key, value in answers.items()]
+    for pattern, replies in rows:
+        for name in (*pattern.expression.groupindex, *(name for reply in replies for name in reply.changes)):
+            state.setdefault(name, "")
     for _, replies in rows:
         for reply in replies:
-            _written(reply, state, code, where)
-    return Dialogue(log, code, cutter, state, [(pattern, _repeat_last(replies)) for pattern, replies in rows])
+            _filled(reply, state, code, where)
+    return Replies(code, state, [(pattern, _repeat_last(replies)) for pattern, replies in rows])
 
 
-def _cutter(fields: Mapping[str, Any], code: TextCode, where: str) -> Callable[[bytearray, bool], Iterator[bytes]]:
+def _template(value: ReplyTemplate | Text) -> ReplyTemplate:
+    return value if isinstance(value, ReplyTemplate) else ReplyTemplate(value)
+
+
+def _filled(reply: ReplyTemplate, state: Mapping[str, Text], code: TextCode, where: str) -> Reply:
+    """The reply as it is at first. Raises PeersError."""
+    if unknown := reply.variables - state.keys():
+        raise PeersError(f"{where}: there is no variable {min(unknown)}: add it to 'state', or name a group so")
+    try:
+        return reply.fill(dict(state), code)
+    except ValueError as error:
+        raise PeersError(f"{where}: {reply.reply!r} is not hexadecimal: {error}") from error
+
+
+def _announcement(one: _Sending, state: Mapping[str, Text], code: TextCode, where: str) -> Announcement:
+    first_s = one.after if one.after is not None else one.every if one.every < math.inf else 0.0
+    return Announcement(_filled(ReplyTemplate(one.text, first_s, one.close), state, code, where), one.every)
+
+
+def _cutter(described: _Socket, code: TextCode, where: str) -> Callable[[bytearray, bool], Iterator[bytes]]:
     """By size, at a delimiter or, without either, at line feeds and after a control period without further data."""
-    if "size" in fields:
-        size = _whole(fields["size"], f"{where}: size", least=1)
-        return lambda buffer, idle: cut_size(size, buffer)
-    if "delimiter" in fields:
-        delimiter = code.write(_text(fields["delimiter"], where))
-        if not delimiter:
-            raise PeersError(f"{where}: a delimiter must not be empty")
+    if described.size:
+        return lambda buffer, idle: cut_size(described.size, buffer)
+    if described.delimiter:
+        delimiter = _filled(ReplyTemplate(described.delimiter), {}, code, where).data
         return lambda buffer, idle: cut_at(delimiter, buffer)
     return partial(_cut_lines, code)
 
@@ -145,49 +212,18 @@ def _cut_lines(code: TextCode, buffer: bytearray, idle: bool) -> Iterator[bytes]
         yield from cut_all(buffer)
 
 
-def _announcement(entry: Any, code: TextCode, state: Mapping[str, str], where: str) -> Announcement:
-    fields = _fields(entry, f"{where}: sends", ("text", "after", "every", "close"))
-    every_s = _seconds(fields, "every", where) or math.inf
-    reply = ReplyTemplate(
-        _text(fields.get("text", ""), where),
-        _seconds(fields, "after", where) or (every_s if every_s < math.inf else 0.0),
-        bool(fields.get("close", False)),
-    )
-    if unknown := reply.variables - state.keys():
-        raise PeersError(f"{where}: there is no variable {min(unknown)}: add it to 'state'")
-    return Announcement(_written(reply, state, code, where), every_s)
-
-
-def _written(reply: ReplyTemplate, state: Mapping[str, str], code: TextCode, where: str) -> Reply:
-    try:
-        return reply.fill(dict(state), code)
-    except ValueError as error:
-        raise PeersError(f"{where}: {reply.text!r} is not hexadecimal: {error}") from error
-
-
-def _template(value: Any, where: str) -> ReplyTemplate:
-    if not isinstance(value, Mapping):
-        return ReplyTemplate(_text(value, where))
-    fields = _fields(value, where, _REPLY)
-    changes = {str(name): _text(one, where) for name, one in _mapping(fields.get("set", {}), where).items()}
-    delay_s = _seconds(fields, "delay", where)
-    return ReplyTemplate(_text(fields.get("reply", ""), where), delay_s, bool(fields.get("close", False)), changes)
-
-
 # XML-RPC and Modbus
 
 
 def _xmlrpc_peer(name: str, entry: Any, where: str, python: _Python) -> SocketPeer:
-    fields = entry if isinstance(entry, Mapping) and "methods" in entry else {"methods": entry}
-    fields = _fields(fields, where, ("methods", *_COMMON))
-    methods = fields["methods"]
-    if isinstance(methods, str):
-        methods = python.object(methods, where)
+    simple = isinstance(entry, Mapping) and "methods" not in entry
+    described = _converted({"methods": entry} if simple else entry, _Methods, where)
+    if isinstance(described.methods, str):
+        methods = python.object(described.methods, where)
     else:
-        methods = {str(key): _method(value) for key, value in _mapping(methods, where).items()}
-    log = _log(name, fields, where)
-    answerer = XmlRpcMethods(log, methods)
-    return SocketPeer(log, answerer, (), _seconds(fields, "delay", where), _refusals(fields, where))
+        methods = {key: _method(value) for key, value in described.methods.items()}
+    log = described.log(name)
+    return SocketPeer(log, XmlRpcMethods(log, methods), (), described.delay, described.refusals)
 
 
 def _method(value: Any) -> Method:
@@ -205,41 +241,19 @@ def _method(value: Any) -> Method:
 
 
 def _unit(name: str, entry: Any, where: str, python: _Python) -> UnitPeer:
-    fields = _fields(entry, where, ("coils", "registers", "device", "exception", "refuse", "expect"))
-    device = python.object(_text(fields["device"], where), where) if "device" in fields else None
-    coils, registers = (
-        getattr(device, key, None) or _values(fields.get(key, {}), f"{where}: {key}") for key in ("coils", "registers")
-    )
+    described = _converted(entry, _Unit, where)
+    device = python.object(described.device, where) if described.device else None
     return UnitPeer(
-        _log(name, fields, where),
-        coils,
-        registers,
-        refuse=bool(fields.get("refuse", False)),
-        exception=_whole(fields.get("exception", 0), f"{where}: exception"),
+        described.log(name),
+        getattr(device, "coils", None) or Values(described.coils),
+        getattr(device, "registers", None) or Values(described.registers),
+        refuse=bool(described.refuse),
+        exception=described.exception,
         written=getattr(device, "written", lambda kind, address, value: None),
     )
 
 
-def _values(entry: Any, where: str) -> Values:
-    values = Values()
-    for address, value in _mapping(entry, where).items():
-        several = [_whole(one, where) for one in _list(value)]
-        if not several:
-            raise PeersError(f"{where}: a list of values must not be empty")
-        values[_whole(address, where)] = several
-    return values
-
-
 # parts of entries
-
-
-def _log(name: str, fields: Mapping[str, Any], where: str) -> PeerLog:
-    return PeerLog(name, [Pattern.parse(_text(one, where)) for one in _list(fields.get("expect", []))])
-
-
-def _refusals(fields: Mapping[str, Any], where: str) -> float:
-    value = fields.get("refuse", False)
-    return math.inf if value is True else _whole(int(value) if value is False else value, f"{where}: refuse")
 
 
 def _repeat_last(values: list[_ItemT]) -> Iterator[_ItemT]:
@@ -250,45 +264,6 @@ def _repeat_last(values: list[_ItemT]) -> Iterator[_ItemT]:
 
 def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
-
-
-def _fields(value: Any, where: str, names: tuple[str, ...]) -> dict[str, Any]:
-    fields = _mapping(value, where)
-    unknown = sorted(str(key) for key in set(fields) - set(names))
-    if unknown:
-        raise PeersError(f"{where}: unknown key '{unknown[0]}': use {', '.join(names)}")
-    return fields
-
-
-def _mapping(value: Any, where: str) -> dict[Any, Any]:
-    if not isinstance(value, dict):
-        raise PeersError(f"{where} must be a mapping, not {value!r}")
-    return value
-
-
-def _function(value: Any, where: str) -> Callable[[bytes], Any]:
-    if not callable(value):
-        raise PeersError(f"{where}: {value!r} cannot be called: give a function, or a class with __call__")
-    return value  # type: ignore[no-any-return]
-
-
-def _text(value: Any, where: str) -> str:
-    if isinstance(value, str | int | float) and not isinstance(value, bool):
-        return str(value)
-    raise PeersError(f"{where}: an answer must be text, not {value!r}")
-
-
-def _whole(value: Any, where: str, least: int = 0) -> int:
-    if isinstance(value, int) and value >= least:
-        return int(value)
-    raise PeersError(f"{where} must be a whole number from {least}, not {value!r}")
-
-
-def _seconds(fields: Mapping[str, Any], name: str, where: str) -> float:
-    value = fields.get(name, 0.0)
-    if isinstance(value, int | float) and 0 <= value < math.inf:
-        return float(value)
-    raise PeersError(f"{where}: {name} must be a time in seconds, not {value!r}")
 
 
 def _address(text: str, where: str) -> tuple[str, int]:

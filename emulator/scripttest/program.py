@@ -19,7 +19,7 @@ from urscript.parser import normalize, parse
 from urscript.work import run_to_end
 
 _NAME: Final = "urscript_test"
-_DEFINED: Final = re.compile(r"\s*(?:def|thread)\s+(\w+)\s*\(")
+_DEFINED: Final = re.compile(r"\s*(def|thread)\s+(\w+)\s*\(\s*(\)?)")
 _MOCK: Final = re.compile(r"^\s*(?:def|thread)\s+mock_(\w+)\s*\(", re.MULTILINE)
 _SECONDARY: Final = re.compile(r"\s*sec\s")
 _PREFIX: Final = "mock_"
@@ -57,7 +57,8 @@ class Source:
             position = self.text.index(text, position)
             line = self.text.count("\n", 0, position) + 1
             if found := _DEFINED.match(text):
-                self.definitions.append(Definition(found[1], line, position, position + len(text)))
+                self.definitions.append(Definition(found[2], line, position, position + len(text)))
+                others = others or found[1] == "thread" or not found[3]
             elif _SECONDARY.match(text):
                 raise CompileError.syntax("a secondary program cannot be tested with others", line, 1, self.text)
             others = others or (found is None and bool(normalize(text)))
@@ -79,12 +80,13 @@ class Source:
         """The lines with calls of mocks, and the columns at which the prefix of a mock was inserted."""
         inside = {one.name: range(one.begin, one.end) for one in self.definitions}
         names = "|".join(map(re.escape, mocks))
-        calls = re.compile(rf'"[^"]*"|#[^\n]*|(?<![\w.])(?<!def )(?<!thread )({names})(?=\s*\()' if names else r"(?!)")
+        others = r'"[^"]*"|#[^\n]*|\b(?:def|thread)\s+\w+'
+        calls = re.compile(rf"{others}|(?<![\w.])({names})(?=\s*\()" if names else r"(?!)")
         inserted: dict[int, list[int]] = {}
         pieces, done = [], 0
         for found in calls.finditer(self.text):
             if found[1] is None or found.start() in inside.get(_PREFIX + found[1], ()):
-                continue  # a text or comment, or a mock that calls the real function
+                continue  # a text, a comment or a definition; or a mock that calls the real function
             pieces += [self.text[done : found.start()], _PREFIX]
             done = found.start()
             line = self.text.count("\n", 0, done)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from emulator.builtins import LIBRARIES
-from emulator.script_run import Setup
+from emulator.script_run import INTERRUPTED, Setup
 from emulator.scripttest.assertions import TestRun, assertions
 from emulator.scripttest.coverage import Coverage, StepCounter, coverage_of
 from emulator.scripttest.profile import Profiler, ThreadProfile
@@ -80,6 +80,8 @@ def _run(test: Test, defaults: Mapping[str, Any], observation: Observation) -> R
     programs.step_hook = steps
     profiler = Profiler(program) if observation.profile else None
     setup.play(batch, options, (lambda: profiler.sample(programs.host)) if profiler else lambda: None)
+    if batch.failure == INTERRUPTED:
+        raise KeyboardInterrupt
     failure = batch.error.render() if isinstance(batch.error, PlacedError) else batch.failure
     status, failure = _judged(settings, run, failure)
     return Result(

@@ -458,6 +458,13 @@ FAULTS = [
         "5.22",
     ),
     (
+        "def f():\n  if False:\n    a = 1\n  end\n  b = a\n  a = 2\nend",
+        5,
+        7,
+        "Variable 'a' is used before it has a value",
+        "5.22",
+    ),
+    (
         'def f():\n  x = "a"\n  y = x > 3\nend',
         3,
         9,

@@ -94,13 +94,13 @@ def r2d(r: Num) -> float:
 
 
 @LIBRARY.builtin()
-def ceil(f: Num) -> Value:
+def ceil(f: Num) -> float:
     """The smallest int that is not less than `f`."""
     return _rounded(math.ceil(f)) if math.isfinite(f) else f
 
 
 @LIBRARY.builtin()
-def floor(f: Num) -> Value:
+def floor(f: Num) -> float:
     """The largest int that is not greater than `f`."""
     return _rounded(math.floor(f)) if math.isfinite(f) else f
 

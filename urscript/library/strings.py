@@ -8,7 +8,7 @@ from urproto.text import BLANKS, from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
-from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, Value, as_string, to_text
+from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Int, Str, as_string, to_text
 
 LIBRARY = Library("strings")
 
@@ -16,6 +16,9 @@ _NUMBER = re.compile(
     r"[ \t\r\n\f\v]*([+-]?)(0[xX][0-9a-fA-F]+|[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?)"
 )
 _LONGEST_INT = 400  # digits, more than any number in range has
+_SHORT_INT = 10  # digits, all of which are in range
+_DECIMAL = re.compile(r"-?[0-9]{1,12}\.[0-9]{1,12}").fullmatch
+_SHORT = 64  # bytes, which take no time to search
 _SPECIAL = re.compile(r"[ \t\r\n\f\v]*([+-]?)(inf|infinity|nan)\Z", re.IGNORECASE)
 
 
@@ -63,6 +66,8 @@ def str_empty(str_: Str) -> bool:
 @LIBRARY.builtin(cb3="3.8", e="5.2")
 def str_find(src: Str, target: Str, start_from: Int = 0) -> int:
     """Index of the first `target` in `src` at or after `start_from`, -1 when there is none."""
+    if src.isascii() and len(src) < _SHORT and start_from >= 0:  # the usual case
+        return src.find(target, start_from)
     if start_from < 0:
         raise RuntimeFault(f"str_find: start_from must not be negative, it is {start_from}")
     return _bytes(src).find(_bytes(target), start_from)
@@ -80,6 +85,8 @@ def str_sub(src: Str, index: Int, length: Int | None = None) -> str:
 
     A runtime error when `index` is outside 0..str_len(src) or the length is negative.
     """
+    if src.isascii() and 0 <= index <= len(src) and (length is None or length >= 0):  # the usual case
+        return src[index:] if length is None else src[index : index + length]
     if not 0 <= index <= _length(src):
         raise RuntimeFault(f"str_sub: index {index} is outside a string of {_length(src)} bytes")
     if length is not None and length < 0:
@@ -88,12 +95,16 @@ def str_sub(src: Str, index: Int, length: Int | None = None) -> str:
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2")
-def to_num(str_: Str) -> Value:
+def to_num(str_: Str) -> float:
     """The number at the beginning of a string: an int, or a float when it has a '.' or an exponent.
 
     Leading blanks, a sign, 0x, INF and NAN are accepted. Anything else is a runtime error, as is an int beyond 32 bits
     or a number too large for a float.
     """
+    if str_.isdigit() and str_.isascii() and len(str_) < _SHORT_INT:  # the usual case
+        return int(str_)
+    if _DECIMAL(str_):
+        return float(str_)
     charge(len(str_) // _BYTES_A_UNIT)
     special = _SPECIAL.match(str_)
     if special:
@@ -110,7 +121,7 @@ def to_num(str_: Str) -> Value:
     return _within_range(str_, sign * float(digits), -sys.float_info.max, sys.float_info.max)
 
 
-def _within_range(text: str, value: Value, least: float, most: float) -> Value:
+def _within_range(text: str, value: float, least: float, most: float) -> float:
     if not least <= value <= most:
         raise RuntimeFault(f'to_num: "{text[:40]}" is out of range')
     return value
