@@ -17,6 +17,7 @@ from emulator.control.control import VerbMethods
 from urproto.compat import Self
 from urproto.controlapi import NotPossible
 
+Call = tuple[tuple[Any, ...], dict[str, Any]]
 _COPY: Final = None  # the request for another copy
 
 _open: "weakref.WeakSet[Copied]" = weakref.WeakSet()  # of this process: its copies must not keep their connections
@@ -158,22 +159,49 @@ def _serve(subject: object, connection: Connection) -> NoReturn:
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system itself removes copies that are over
         for other in tuple(_open):
             other.forget()
-        while True:
-            request = connection.recv()
-            if request is _COPY:
-                connection = _copied(connection)
-                continue
-            name, values, named = request
-            try:
-                member = getattr(subject, name)
-                answer = False, member(*values, **named) if callable(member) else member
-            except Exception as error:
-                answer = True, error
-            _answer(connection, answer)
+        Server(subject, connection).serve()
     except (EOFError, OSError):
         pass
     finally:
         os._exit(0)  # without what the original does at its end
+
+
+class Server:
+    """Calls methods of an object for the process that has made this copy.
+
+    A method that needs to say something before it is over calls `pause` of the object's attribute ``server``.
+    """
+
+    def __init__(self, subject: object, connection: Connection) -> None:
+        self._subject = subject
+        self._connection = connection
+        if hasattr(subject, "server"):
+            subject.server = self
+
+    def serve(self, until: str = "") -> Call:
+        """Answer until a method of a certain name is called; returns its arguments. Raises EOFError in the end."""
+        while True:
+            request = self._connection.recv()
+            if request is _COPY:
+                self._connection = _copied(self._connection)
+                continue
+            name, values, named = request
+            if name == until:
+                return values, named
+            try:
+                member = getattr(self._subject, name)
+                answer = False, member(*values, **named) if callable(member) else member
+            except Exception as error:
+                answer = True, error
+            _answer(self._connection, answer)
+
+    def pause(self, name: str, result: Any) -> Call:
+        """Answer the call of a method, in which this is, and wait for the next one; returns its arguments.
+
+        Other methods are answered in the meantime, and copies are made, which go on from here.
+        """
+        _answer(self._connection, (False, result))
+        return self.serve(name)
 
 
 def _answer(connection: Connection, answer: tuple[bool, Any]) -> None:

@@ -134,8 +134,26 @@ def _test(options: Namespace) -> int:
     return command.run(options)
 
 
+# debug
+
+
+def _no_arguments(parser: ArgumentParser) -> None:
+    """What an editor sends is all."""
+
+
+def _dap(options: Namespace) -> int:
+    from emulator.debugger import adapter  # see `_run`
+
+    return adapter.run()
+
+
 _COMMANDS: Final[dict[str, tuple[str, Callable[[ArgumentParser], None], Callable[[Namespace], int]]]] = {
     "check": (check.HELP, check.add_arguments, check.run),
+    "dap": (
+        "debug a program, for editors: the Debug Adapter Protocol on standard input and output",
+        _no_arguments,
+        _dap,
+    ),
     "functions": ("list the built-in functions of a PolyScope version", add_controller_options, _functions),
     "run": ("run a file of URScript programs on an emulated arm, in virtual time", add_run_options, _run),
     "test": ("run tests that are written in URScript, in virtual time", _test_arguments, _test),

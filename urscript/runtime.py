@@ -229,6 +229,10 @@ class Runtime:
         found = [namespace[f"v_{name}"] for name in self.program.global_names[start:stop]]
         return [None if value is UNSET else value for value in found]
 
+    def set_global(self, name: str, value: Value) -> None:
+        """Give a global variable another value; for debuggers."""
+        self._namespace[f"v_{name}"] = value
+
     @property
     def line(self) -> int:
         """Line of the thread that owns the motion, else of the program body; 0 when finished."""

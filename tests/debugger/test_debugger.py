@@ -1,0 +1,224 @@
+"""The debugger, by its protocol: stops, steps in both directions, values, and wrong requests."""
+
+import os
+import re
+import signal
+import time
+
+import pytest
+from dap_client import DebugClient
+
+from emulator.branches import can_branch
+
+pytestmark = pytest.mark.skipif(not can_branch(), reason="the system cannot copy processes")
+
+CELL = """def cell():
+  global count = 0
+  def move(x):
+    y = x * 2
+    movej([0.1 * x, -1.4, 1.5, -1.7, -1.5, 0.1 * random()], a=3, v=2)
+    return y
+  end
+  thread blink():
+    while True:
+      set_standard_digital_out(1, count > 1)
+      sleep(0.1)
+    end
+  end
+  run blink()
+  while count < 4:
+    z = move(count)
+    textmsg("z ", z)
+    count = count + 1
+  end
+  sleep(0.5)
+end
+"""
+
+
+@pytest.fixture
+def client():
+    made = DebugClient()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def cell(tmp_path):
+    file = tmp_path / "cell.script"
+    file.write_text(CELL)
+    return file
+
+
+def test_breakpoints_steps_and_values(client, cell):
+    client.launch(
+        cell,
+        [
+            {"line": 4, "condition": "x == 1"},
+            {"line": 17, "logMessage": "now {z * 10}"},
+            {"line": 18, "hitCondition": "3"},
+        ],
+    )
+    assert client.stopped() == ("breakpoint", [("move", 4), ("main", 16)])
+    assert client.said.startswith("now 0\n")
+    assert client.variables(client.frame) == {"x": "1"}
+    assert client.variables() == {"count": "1", "z": "0"}
+    assert client.request("evaluate", expression="x * 10 + count", frameId=client.frame)["result"] == "11"
+    robot = client.variables(2)
+    assert robot["robot_mode"] == "RUNNING"
+    assert [thread["name"] for thread in client.request("threads")["threads"]] == ["cell", "blink"]
+    assert client.go("next")[1] == [("move", 5), ("main", 16)]
+    assert client.go("stepOut")[1] == [("main", 17)]
+    assert "z 0\n" in client.said
+    assert client.go("next")[1] == [("main", 18)]
+    assert client.go("next")[1] == [("main", 15)]
+    assert client.go("stepIn")[1] == [("main", 16)]
+    assert client.go("stepIn")[1] == [("move", 4), ("main", 16)]
+    assert client.request("setVariable", variablesReference=1, name="count", value="count + 1") == {"value": "3"}
+    assert client.go() == ("breakpoint", [("main", 18)])
+    assert client.variables()["count"] == "3"
+    client.request("setBreakpoints", source={"path": str(cell)}, breakpoints=[])
+    assert client.go() == ("terminated", None)
+    assert not client.answer("continue")["success"]
+
+
+def test_functions_and_the_entry(client, cell):
+    client.launch(cell, functions=["move"], stopOnEntry=True)
+    assert client.stopped() == ("entry", [("main", 2)])
+    assert client.go() == ("function breakpoint", [("move", 4), ("main", 16)])
+    assert client.go() == ("function breakpoint", [("move", 4), ("main", 16)])
+    assert client.variables()["count"] == "1"
+
+
+def test_going_back_returns_to_the_same_moments(client, cell):
+    """All that the robot and the program show at each statement is the same, forwards and backwards."""
+    client.launch(cell, stopOnEntry=True)
+    client.stopped()
+    seen = {}
+
+    def moment():
+        return (client.place(), client.variables(), client.variables(2))
+
+    for number in range(16):
+        seen[number] = moment()
+        client.go("stepIn")
+    assert len({str(one) for one in seen.values()}) > 14
+    for number in range(15, 8, -1):
+        assert client.go("stepBack")[0] == "step"
+        if client.place()[0] == seen[number][0][0]:  # it does not go back into functions
+            assert moment() == seen[number]
+    client.request("setBreakpoints", source={"path": str(cell)}, breakpoints=[{"line": 17}])
+    assert [client.go()[0] for _ in range(4)] == ["breakpoint"] * 4
+    last = moment()
+    earlier = []
+    while client.go("reverseContinue")[0] == "breakpoint":
+        earlier.append(client.variables()["count"])
+    assert earlier == ["2", "1", "0"]
+    assert client.place() == [("main", 2)]
+    for _ in range(4):
+        client.go()
+    assert moment() == last
+    assert client.go() == ("terminated", None)
+    assert client.go("stepBack")[0] == "step"
+    assert client.variables()["count"] == "4"
+
+
+def test_pause_and_what_stops_a_program(client, tmp_path):
+    file = tmp_path / "cell.script"
+    file.write_text('def cell():\n  n = 0\n  while n >= 0:\n    n = n + 1\n    sync()\n  end\n  write = n + "a"\nend\n')
+    client.launch(file)
+    client.request("threads")
+    client.send("pause", threadId=1)
+    reason, place = client.stopped()
+    assert reason == "pause"
+    assert place[0][1] in (2, 3, 4, 5)
+    client.request("setVariable", variablesReference=1, name="n", value="-1")
+    reason, _ = client.go()
+    assert reason == "exception"
+    assert "line 7" in client.events[-1][1]["text"]
+    assert client.go("stepBack") == ("step", [("main", 7)])
+
+
+def test_a_protective_stop(client, tmp_path):
+    file = tmp_path / "reach.script"
+    file.write_text("def reach():\n  speedj([0, 0, 0, 0, 0, 3], 10, 10)\nend\n")
+    client.launch(file)
+    assert client.stopped()[0] == "exception"
+    assert "PROTECTIVE_STOP" in client.events[-1][1]["text"]
+    assert client.variables(2)["safety_mode"] == "PROTECTIVE_STOP"
+    client.request("setExceptionBreakpoints", filters=[])
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "message"),
+    [
+        ("launch", {"program": "none.script"}, "none.script"),
+        ("launch", {}, "program"),
+        ("launch", {"program": "cell.script", "model": "ur4"}, "ur4"),
+        ("launch", {"program": "cell.script", "options": {"wrong": 1}}, "wrong"),
+        ("attach", {}, "time cannot be turned back"),
+        ("fly", {}, "no request 'fly'"),
+        ("continue", {}, "no program has been launched"),
+        ("setBreakpoints", {"breakpoints": [{"line": 1, "hitCondition": "x"}]}, "'x' is not a number of hits"),
+        ("stackTrace", {"threadId": 1}, "no program has been launched"),
+    ],
+)
+def test_wrong_requests(client, command, arguments, message):
+    client.request("initialize")
+    response = client.answer(command, **arguments)
+    assert not response["success"]
+    assert message in response["message"]
+
+
+def test_wrong_expressions(client, cell):
+    client.launch(cell, stopOnEntry=True)
+    client.stopped()
+    for text in (
+        "nothing",
+        "1 +",
+        "().__class__",
+        "[x for x in [1]]",
+        "(lambda: 1)()",
+        "__import__('os')",
+        "10 ** 10 ** 10",
+    ):
+        response = client.answer("evaluate", expression=text, frameId=client.frame)
+        assert not response["success"], text
+    response = client.answer("setVariable", variablesReference=1, name="none", value="1")
+    assert "not a global variable" in response["message"]
+    response = client.answer("variables", variablesReference=77)
+    assert "ask for its stack again" in response["message"]
+
+
+def test_messages_that_are_none_end_the_session(client):
+    client.write(b"[1, 2")
+    assert "the editor sent no message" in client.until("output")["output"]
+    assert client.process.wait(30) == 0
+
+
+def test_nothing_is_left_when_the_debugger_is_killed(cell):
+    client = DebugClient()
+    client.launch(cell, stopOnEntry=True)
+    client.stopped()
+    family = _descendants(client.process.pid)
+    assert len(family) >= 2
+    client.process.send_signal(signal.SIGKILL)
+    client.process.communicate()
+    deadline = time.monotonic() + 30
+    while any(os.path.exists(f"/proc/{pid}") for pid in family) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not [pid for pid in family if os.path.exists(f"/proc/{pid}")]
+
+
+def _descendants(pid):
+    found = []
+    for entry in os.listdir("/proc"):
+        if entry.isdigit():
+            try:
+                with open(f"/proc/{entry}/stat") as stat:
+                    parent = int(re.sub(r"\(.*\)", "", stat.read()).split()[2])
+            except (OSError, ValueError):
+                continue
+            if parent == pid:
+                found += [int(entry), *_descendants(int(entry))]
+    return found
