@@ -132,7 +132,7 @@ def test_pause_and_what_stops_a_program(client, tmp_path):
     reason, place = client.stopped()
     assert reason == "pause"
     assert place[0][1] in (2, 3, 4, 5)
-    client.request("setVariable", variablesReference=1, name="n", value="-1")
+    client.request("setVariable", variablesReference=1, name="n", value="-9")
     reason, _ = client.go()
     assert reason == "exception"
     assert "line 7" in client.events[-1][1]["text"]
