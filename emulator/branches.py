@@ -5,6 +5,7 @@ A running program is a stack of Python frames, which nothing but the system can 
 
 import os
 import signal
+import sys
 import warnings
 import weakref
 from multiprocessing.connection import Connection, Pipe
@@ -18,6 +19,7 @@ from urproto.compat import Self
 from urproto.controlapi import NotPossible
 
 Call = tuple[tuple[Any, ...], dict[str, Any]]
+_NO_COPIES: Final = "this system cannot copy processes"
 _COPY: Final = None  # the request for another copy
 
 _open: "weakref.WeakSet[Copied]" = weakref.WeakSet()  # of this process: its copies must not keep their connections
@@ -25,7 +27,7 @@ _open: "weakref.WeakSet[Copied]" = weakref.WeakSet()  # of this process: its cop
 
 def can_branch() -> bool:
     """Whether the system can copy processes."""
-    return hasattr(os, "fork")
+    return sys.platform != "win32"
 
 
 class Copied:
@@ -42,6 +44,8 @@ class Copied:
     @classmethod
     def of(cls, subject: object) -> "Copied":
         """Copy this process, and with it the object as it is. Raises OSError if there is no room for a process."""
+        if sys.platform == "win32":
+            raise OSError(_NO_COPIES)
         mine, its = Pipe()
         if (process := _fork()) == 0:
             mine.close()
@@ -51,6 +55,8 @@ class Copied:
 
     def copy(self) -> "Copied":
         """Another copy of the object as it is there."""
+        if sys.platform == "win32":
+            raise OSError(_NO_COPIES)
         mine, its = Pipe()
         with its:
             self._send(_COPY)
@@ -140,6 +146,8 @@ class Branch(VerbMethods):
 
 
 def _fork() -> int:
+    if sys.platform == "win32":
+        raise OSError(_NO_COPIES)
     with warnings.catch_warnings():
         # of threads, which the copy does not have: it needs none, and takes no lock that one of them may hold
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -154,6 +162,8 @@ def _end(connection: Connection, process: int | None) -> None:
 
 def _serve(subject: object, connection: Connection) -> NoReturn:
     """What the copy of a process does: answer, until nobody is left to ask."""
+    if sys.platform == "win32":
+        raise OSError(_NO_COPIES)
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for whoever has made the copy
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system itself removes copies that are over
@@ -215,6 +225,8 @@ def _answer(connection: Connection, answer: tuple[bool, Any]) -> None:
 
 def _copied(connection: Connection) -> Connection:
     """Copy the process once more; returns the connection that this process answers on now."""
+    if sys.platform == "win32":
+        raise OSError(_NO_COPIES)
     its = Connection(recv_handle(connection))
     if _fork() == 0:
         connection.close()
