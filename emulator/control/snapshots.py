@@ -121,7 +121,8 @@ def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:
     mounted = Payload(float(payload["mass_kg"]), _numbers(payload["cog_m"], 3), _numbers(payload["inertia_kg_m2"], 6))
     q = _numbers(document["q_rad"], 6)
     controller.motion.set_position(q)
-    controller.arm.recover(q)  # so that nothing of an earlier motion is left in a dynamic arm
+    if controller.arm.drives is not None:
+        controller.arm.recover(q)  # so that nothing of an earlier motion is left in it
     controller.set_tcp(_numbers(document["tcp"], 6))
     controller.installation.set_payload(mounted)
     for section, (holder, names) in _SECTIONS.items():

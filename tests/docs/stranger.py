@@ -60,7 +60,7 @@ def clone(folder: Path) -> None:
 def told_to_install(page: Path) -> tuple[str, ...]:
     """The requirements that a page names after `pip install`; those of `make emulator` if it installs no clone."""
     named = list[str]()
-    for arguments in re.findall(r"pip install ([^\n`#]+)", page.read_text()):
+    for arguments in re.findall(r"pip install (?!\"\$)([^\n`#]+)", page.read_text()):
         named += [word.rstrip(".,;:") or "." for word in shlex.split(arguments) if not word.startswith("-")]
     ours = [PROJECT + word.lstrip("./") for word in named if word.startswith(".") and word != ".[test]"]
     return *(ours or USUAL), *(word for word in named if not word.startswith(".")), "pip"

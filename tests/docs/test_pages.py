@@ -59,6 +59,8 @@ def is_done(block: Block) -> bool:
 
 READY = ("Ready:", "Ctrl-C ends it", "Teach pendant of", " active")  # output of commands once they are ready
 RUN = [page for page in PAGES if any(map(is_done, runs(page)))]
+# pages that most people follow; the others are typed every night
+OFTEN = {"README", "testing", "client", "journal", "checking", "script_tests", "explore", "debugging"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -122,7 +124,9 @@ def cloned(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.page
 @pytest.mark.timeout(3 * DEADLINE_S)
 @pytest.mark.parametrize(
-    ("network", "page"), [(page, page) for page in RUN], indirect=["network"], ids=[page.stem for page in RUN]
+    ("network", "page"),
+    [pytest.param(page, page, id=page.stem, marks=() if page.stem in OFTEN else pytest.mark.long) for page in RUN],
+    indirect=["network"],
 )
 def test_the_blocks_of_a_page_run(network: list[str], page: Path, tmp_path: Path, cloned: Path) -> None:
     user = User([*network, *UNPRIVILEGED], tmp_path, move_in(tmp_path, page, cloned))
