@@ -42,6 +42,7 @@ def test_example(rig: Rig, name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.page
+@pytest.mark.long  # the page of the thesis is typed in every run
 @pytest.mark.robot_speed(2)
 def test_example_of_the_thesis(rig: Rig, tmp_path: Path) -> None:
     done = run(EXAMPLES[0].with_stem(THESIS), rig.host, tmp_path, ".", "2", deadline_s=THESIS_S)  # seconds per goal
