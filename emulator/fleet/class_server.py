@@ -16,7 +16,6 @@ from contextlib import AsyncExitStack
 from functools import partial
 from multiprocessing.connection import Connection as Link
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final
 
 import msgspec
@@ -299,9 +298,7 @@ class ClassPage:
             raise ConfigError(f"no class page: {problem}")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._link.close()
         join_or_kill(self._process)
 
