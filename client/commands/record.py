@@ -14,14 +14,7 @@ import typer
 from client import rtde
 from client.calibration import read_calibration
 from client.cameras import Shot
-from client.commands.cameras import (
-    DEFAULT_HZ,
-    CameraNames,
-    CameraOptions,
-    CameraPort,
-    CameraRate,
-    follow_cameras,
-)
+from client.commands.cameras import DEFAULT_HZ, CameraNames, CameraOptions, CameraPort, CameraRate, follow_cameras
 from client.commands.following import Interrupts, PortOffset, ProgressBar, RobotIP, Sink, connect, follow
 from client.commands.scene_drawing import DrawnServer, model_of_robot, scene_drawing
 from client.controllers.remote import check_no_manager

@@ -4,17 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from urscript.check.rules.registry import rule
-from urscript.check.subject import (
-    Subject,
-    argument,
-    blocks,
-    calls,
-    inner,
-    is_true,
-    names,
-    nested,
-    own_expressions,
-)
+from urscript.check.subject import Subject, argument, blocks, calls, inner, is_true, names, nested, own_expressions
 from urscript.inference import root
 from urscript.literals import literal_value
 from urscript.syntax import (
