@@ -13,12 +13,11 @@ does not have, without sending it.
 """
 
 import asyncio
-from typing import TypeVar
 
 from client import robotapi
 from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow
 from client.dashboard_commands import *  # noqa: F403 - the operations, which callers pass to `request`
-from client.dashboard_commands import POLYSCOPE_VERSION, Operation
+from client.dashboard_commands import POLYSCOPE_VERSION, Answer, Operation
 from client.dashboard_on_x import DashboardOnX
 from client.errors import ClientError, RobotUnreachableError
 from client.quantities import checked
@@ -28,8 +27,6 @@ from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
 PORT = 29999
-
-Answer = TypeVar("Answer")
 
 
 class DashboardCore:
