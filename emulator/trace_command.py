@@ -52,17 +52,8 @@ def _recording(file: Path, begin_s: float, end_s: float) -> str:
     """A recording, which the client reads: in a process of its own, as the emulator does not import the client."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder, "page.html")
-        words = [
-            *module_command("client"),
-            "trace",
-            str(file),
-            "-o",
-            str(page),
-            "--from",
-            str(begin_s),
-            "--to",
-            str(end_s),
-        ]
+        options = [f"--output={page}", f"--from={begin_s}", f"--to={end_s}"]
+        words = [*module_command("client"), "trace", str(file), *options]
         done = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace")
         if done.returncode:
             raise TraceError(done.stderr.strip().removeprefix("ur-client: "))

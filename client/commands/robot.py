@@ -179,13 +179,11 @@ def watch_command(
 
 
 def _lines(state: Mapping[str, Any]) -> None:
-    sys.stdout.write(f"{formatting.pairs(state.items())}\n")
-    sys.stdout.flush()
+    print(formatting.pairs(state.items()), flush=True)
 
 
 def _json_lines(state: Mapping[str, Any]) -> None:
-    sys.stdout.write(f"{json.dumps(plain_json(state))}\n")
-    sys.stdout.flush()
+    print(json.dumps(plain_json(state)), flush=True)
 
 
 def _live_table(client: rtde.BlockingRTDEClient, opened: ExitStack) -> Sink:
