@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Topic, controller_type
@@ -75,8 +75,6 @@ class GPIOController(CallingController[GPIOParameters]):
     Every setting returns a `Call`, which is answered once the robot has accepted it; for outputs and the speed slider,
     once its effect is seen.
     """
-
-    parameters_type: ClassVar[type[Any]] = GPIOParameters
 
     def __init__(self, name: str, parameters: GPIOParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
