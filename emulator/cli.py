@@ -18,12 +18,24 @@ from urproto.commandline import Deferred, application, load_from, version_of
 from urproto.ports import LAST_PORT, PENDANT_PORT
 
 _COMMANDS: Final = (
-    ("explore", "explore.command", "Search for the schedule of faults, inputs and delays that breaks a program."),
-    ("campaign", "campaign.command", "Run programs or tests many times in virtual time, on all cores or a cluster."),
-    ("facts", "facts_command", "Print what is known and what is guessed about a PolyScope version."),
-    ("ctl", "ctl", "Use the control API of a running emulator: inputs, buttons, faults, time."),
-    ("replay", "replay_command", "Execute a recorded run again, compare it, and go on from any moment of it."),
-    ("trace", "trace_command", "Show a recorded run as a page for browsers: the arm, a timeline, curves."),
+    (
+        "explore",
+        "emulator.explore.command:app",
+        "Search for the schedule of faults, inputs and delays that breaks a program.",
+    ),
+    (
+        "campaign",
+        "emulator.campaign.command:app",
+        "Run programs or tests many times in virtual time, on all cores or a cluster.",
+    ),
+    ("facts", "emulator.facts_command:app", "Print what is known and what is guessed about a PolyScope version."),
+    ("ctl", "emulator.ctl:app", "Use the control API of a running emulator: inputs, buttons, faults, time."),
+    (
+        "replay",
+        "emulator.replay_command:app",
+        "Execute a recorded run again, compare it, and go on from any moment of it.",
+    ),
+    ("trace", "emulator.trace_command:app", "Show a recorded run as a page for browsers: the arm, a timeline, curves."),
 )
 
 app = application()
@@ -81,4 +93,4 @@ def _fleet() -> Any:
 
 app.command("fleet", cls=Deferred, help="Run many robots on this machine, each on its own address.")(_fleet)
 for _name, _place, _help in _COMMANDS:
-    app.command(_name, cls=Deferred, help=_help)(load_from(f"emulator.{_place}:app"))
+    app.command(_name, cls=Deferred, help=_help)(load_from(_place))

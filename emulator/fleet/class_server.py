@@ -159,9 +159,6 @@ class _ClassConnection(HttpConnection):
     server: ClassServer
     max_body = 64 * 1024
 
-    def refusal(self, status: int, text: str) -> Any:
-        return {"error": text}
-
     def admit(self, request: Request) -> None:
         check_host(request, also=is_local)
         if request.path in (_LOGIN, _ROBOTS):

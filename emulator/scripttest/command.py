@@ -2,7 +2,6 @@
 
 import multiprocessing
 import os
-import sys
 from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -15,7 +14,7 @@ from emulator.scripttest.reports import failure_text, junit, result_line, summar
 from emulator.scripttest.runner import Observation, Result, Status, run_test
 from emulator.scripttest.suite import SuiteError, Test, find_files, tests_of
 from urproto.durable import write_file
-from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
+from urproto.entry import SUCCESS, TROUBLE, usage_error
 from urscript.errors import ScriptError
 
 
@@ -24,8 +23,7 @@ def run(options: Namespace) -> int:
     try:
         files = list(find_files(options.paths))
     except SuiteError as error:
-        sys.stderr.write(f"urscript test: {error}\n")
-        return USAGE_ERROR
+        return usage_error("urscript test", error)
     tests, results = _collect(files, options.keyword)
     defaults = {name: value for name in ("model", "polyscope") if (value := getattr(options, name))}
     observation = Observation(bool(options.coverage or options.lcov), bool(options.profile))
@@ -40,8 +38,7 @@ def run(options: Namespace) -> int:
     try:
         _write_reports(options, results)
     except OSError as error:
-        sys.stderr.write(f"urscript test: {error.filename}: {error.strerror}\n")
-        return USAGE_ERROR
+        return usage_error("urscript test", f"{error.filename}: {error.strerror}")
     print(summary(results))
     return TROUBLE if wrong or not results else SUCCESS
 
