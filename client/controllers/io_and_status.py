@@ -148,13 +148,11 @@ class GPIOController(CallingController[GPIOParameters]):
 
     def resend_robot_program(self) -> Call:
         """Start the control program on the robot again."""
-        name = "resend_robot_program/resend_robot_program"
-        return self._send("resend_robot_program", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+        return self._trigger("resend_robot_program")
 
     def hand_back_control(self) -> Call:
         """End the control program; the robot's own program continues after it."""
-        name = "hand_back_control/hand_back_control"
-        return self._send("hand_back_control", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+        return self._trigger("hand_back_control")
 
     def set_payload(
         self,
@@ -182,8 +180,10 @@ class GPIOController(CallingController[GPIOParameters]):
 
     def zero_ftsensor(self) -> Call:
         """Zero the force/torque sensor (take the present wrench as zero); e-Series."""
-        name = "zero_ftsensor/zero_ftsensor"
-        return self._send("zero_ftsensor", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+        return self._trigger("zero_ftsensor")
+
+    def _trigger(self, name: str) -> Call:
+        return self._send(name, {f"{name}/{name}_cmd": 1.0}, f"{name}/{name}_async_success")
 
     def _check_pin(self, pin: int, count: int, what: str) -> None:
         if not 0 <= pin < count:
