@@ -15,7 +15,7 @@ import inspect
 import threading
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager
-from types import TracebackType, new_class
+from types import new_class
 from typing import Any, ClassVar, Generic, TypeVar, cast, get_args
 
 from urproto.compat import Self
@@ -129,13 +129,11 @@ class Blocking(Generic[Inner]):
         self._pick = lambda: inner
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *reason: object) -> None:
         inner, self._pick = self._pick(), lambda: None
         try:
             if inner is not None:
-                self.call(_leave(inner, kind, error, trace))
+                self.call(_leave(inner, *reason))
         finally:
             self._events.end()
 

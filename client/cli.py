@@ -47,7 +47,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "record:plot_command",
         "Plot a recording: desired and actual positions and speeds, their differences, and the speed scaling.",
     ),
-    "trace": ("trace:trace_command", "Show a recording as a page for browsers: the arm, a timeline, curves."),
+    "trace": (
+        "trace:trace_command",
+        "Show a recording as a page for browsers, which works without a network and a server.",
+    ),
     "fidelity": (
         "identification:fidelity_command",
         "Compare a recording of a real arm with the emulator's model of it, field by field and joint by joint.",

@@ -13,50 +13,11 @@ does not have, without sending it.
 """
 
 import asyncio
-from typing import TypeVar
 
 from client import robotapi
-from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Flow
-from client.dashboard_commands import (
-    BRAKE_RELEASE,
-    CLEAR_OPERATIONAL_MODE,
-    CLOSE_POPUP,
-    CLOSE_SAFETY_POPUP,
-    IS_IN_REMOTE_CONTROL,
-    IS_PROGRAM_SAVED,
-    IS_RUNNING,
-    LOADED_PROGRAM,
-    OPERATIONAL_MODE,
-    PAUSE,
-    PLAY,
-    POLYSCOPE_VERSION,
-    POWER_OFF,
-    POWER_ON,
-    PROGRAM_STATE,
-    QUIT,
-    RESTART_SAFETY,
-    ROBOT_MODE,
-    ROBOT_MODEL,
-    SAFETY_MODE,
-    SAFETY_STATUS,
-    SAVE_LOG,
-    SERIAL_NUMBER,
-    SHUTDOWN,
-    STOP,
-    UNLOCK_PROTECTIVE_STOP,
-    USER_ROLE,
-    VERSION,
-    Operation,
-    add_to_log,
-    command,
-    generate_flight_report,
-    generate_support_file,
-    load,
-    load_installation,
-    popup,
-    set_operational_mode,
-    set_user_role,
-)
+from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow
+from client.dashboard_commands import *  # noqa: F403 - the operations, which callers pass to `request`
+from client.dashboard_commands import POLYSCOPE_VERSION, Answer, Operation
 from client.dashboard_on_x import DashboardOnX
 from client.errors import ClientError, RobotUnreachableError
 from client.quantities import checked
@@ -65,58 +26,7 @@ from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
-__all__ = [
-    "BRAKE_RELEASE",
-    "CLEAR_OPERATIONAL_MODE",
-    "CLOSE_POPUP",
-    "CLOSE_SAFETY_POPUP",
-    "IS_IN_REMOTE_CONTROL",
-    "IS_PROGRAM_SAVED",
-    "IS_RUNNING",
-    "LOADED_PROGRAM",
-    "OPERATIONAL_MODE",
-    "PAUSE",
-    "PLAY",
-    "POLYSCOPE_VERSION",
-    "PORT",
-    "POWER_OFF",
-    "POWER_ON",
-    "PROGRAM_STATE",
-    "QUIT",
-    "RESTART_SAFETY",
-    "ROBOT_MODE",
-    "ROBOT_MODEL",
-    "SAFETY_MODE",
-    "SAFETY_STATUS",
-    "SAVE_LOG",
-    "SERIAL_NUMBER",
-    "SHUTDOWN",
-    "STOP",
-    "UNLOCK_PROTECTIVE_STOP",
-    "USER_ROLE",
-    "VERSION",
-    "BlockingDashboardClient",
-    "DashboardClient",
-    "DashboardCore",
-    "Operation",
-    "add_to_log",
-    "command",
-    "generate_flight_report",
-    "generate_support_file",
-    "load",
-    "load_installation",
-    "popup",
-    "set_operational_mode",
-    "set_user_role",
-]
-
 PORT = 29999
-
-Answer = TypeVar("Answer")
-
-
-def _robot_api_port(port: int) -> int:
-    return robotapi.PORT + port - PORT
 
 
 class DashboardCore:
@@ -177,7 +87,22 @@ class DashboardCore:
 
 
 @checked
-class DashboardClient(AsyncConnection):
+class _Dashboard(Connection):
+    """Common part of the asynchronous and the blocking client."""
+
+    def __init__(
+        self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S, robot_api_port: int | None = None
+    ) -> None:
+        super().__init__(host, port, timeout_s)
+        self._robot_api_port = robotapi.PORT + port - PORT if robot_api_port is None else robot_api_port
+        self._core: DashboardCore | DashboardOnX = DashboardCore()
+
+    def _opening(self) -> Flow[None]:
+        return self._core.opening()
+
+
+@checked
+class DashboardClient(_Dashboard, AsyncConnection):
     """Dashboard client for asyncio programs; use it with ``async with``, which connects and checks the greeting.
 
     If the robot has no dashboard server but the Robot API of PolyScope X answers, that is used instead. Its port is
@@ -187,9 +112,7 @@ class DashboardClient(AsyncConnection):
     def __init__(
         self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S, robot_api_port: int | None = None
     ) -> None:
-        super().__init__(host, port, timeout_s)
-        self._robot_api_port = _robot_api_port(port) if robot_api_port is None else robot_api_port
-        self._core: DashboardCore | DashboardOnX = DashboardCore()
+        super().__init__(host, port, timeout_s, robot_api_port)
         self._lock = asyncio.Lock()
 
     async def request(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
@@ -213,20 +136,10 @@ class DashboardClient(AsyncConnection):
             self.port, self._core = wanted, DashboardCore()
             raise missing from None
 
-    def _opening(self) -> Flow[None]:
-        return self._core.opening()
-
 
 @checked
-class BlockingDashboardClient(BlockingConnection):
+class BlockingDashboardClient(_Dashboard, BlockingConnection):
     """Blocking counterpart of `DashboardClient`, for scripts and notebooks."""
-
-    def __init__(
-        self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S, robot_api_port: int | None = None
-    ) -> None:
-        super().__init__(host, port, timeout_s)
-        self._robot_api_port = _robot_api_port(port) if robot_api_port is None else robot_api_port
-        self._core: DashboardCore | DashboardOnX = DashboardCore()
 
     def request(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Carry out one operation and return its answer. Raises RobotRefused if the robot refuses.
@@ -251,6 +164,3 @@ class BlockingDashboardClient(BlockingConnection):
     def check(self) -> None:
         """Raise ConnectionLostError if the robot has closed the connection meanwhile; sends nothing."""
         self.run(self._core.read_pending())
-
-    def _opening(self) -> Flow[None]:
-        return self._core.opening()

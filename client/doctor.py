@@ -260,12 +260,7 @@ def examine_replies(host: str, port_offset: int = 0) -> Iterator[Finding]:
         return
     if greeting != GREETING:
         text = f"its greeting is {quoted(greeting)}, not {GREETING!r}: clients refuse it"
-        yield Finding(
-            Grade.BROKEN,
-            subject,
-            text,
-            _PROXY,
-        )
+        yield Finding(Grade.BROKEN, subject, text, _PROXY)
     if unknown := [query for query, answer in answers.items() if is_not_understood(answer)]:
         text = f"it does not understand {', '.join(unknown)}"
         yield Finding(Grade.BROKEN, subject, text, "clients need these commands: update the controller's software")

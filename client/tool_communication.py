@@ -14,7 +14,6 @@ import stat
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Final, cast
 
 from client.connection import DEFAULT_TIMEOUT_S
@@ -63,9 +62,7 @@ class ToolCommunication:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         stream = self._stream
         self._close()
         if stream is not None:

@@ -11,7 +11,6 @@ import logging
 from collections import ChainMap
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
-from types import TracebackType
 from typing import Final
 
 from emulator.clock import Clock, ClockStatistics, RealClock
@@ -145,9 +144,7 @@ class Emulator:
             self._running = starting.pop_all()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self._running.aclose()
 
     def inject(self, faults: Iterable[Fault]) -> None:

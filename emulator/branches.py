@@ -11,7 +11,6 @@ import weakref
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.reduction import recv_handle, send_handle
 from pickle import PicklingError
-from types import TracebackType
 from typing import Any, Final, NoReturn
 
 from emulator.control.control import VerbMethods
@@ -90,9 +89,7 @@ class Copied:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def forget(self) -> None:

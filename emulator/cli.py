@@ -8,7 +8,7 @@ import asyncio
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -16,6 +16,27 @@ from emulator.logs import LogLevel, log_to_stderr
 from emulator.options import configure, errors_in_one_line, with_robot_options
 from urproto.commandline import Deferred, application, load_from, version_of
 from urproto.ports import LAST_PORT, PENDANT_PORT
+
+_COMMANDS: Final = (
+    (
+        "explore",
+        "emulator.explore.command:app",
+        "Search for the schedule of faults, inputs and delays that breaks a program.",
+    ),
+    (
+        "campaign",
+        "emulator.campaign.command:app",
+        "Run programs or tests many times in virtual time, on all cores or a cluster.",
+    ),
+    ("facts", "emulator.facts_command:app", "Print what is known and what is guessed about a PolyScope version."),
+    ("ctl", "emulator.ctl:app", "Use the control API of a running emulator: inputs, buttons, faults, time."),
+    (
+        "replay",
+        "emulator.replay_command:app",
+        "Execute a recorded run again, compare it, and go on from any moment of it.",
+    ),
+    ("trace", "emulator.trace_command:app", "Show a recorded run as a page for browsers: the arm, a timeline, curves."),
+)
 
 app = application()
 
@@ -71,21 +92,5 @@ def _fleet() -> Any:
 
 
 app.command("fleet", cls=Deferred, help="Run many robots on this machine, each on its own address.")(_fleet)
-app.command(
-    "explore", cls=Deferred, help="Search for the schedule of faults, inputs and delays that breaks a program."
-)(load_from("emulator.explore.command:app"))
-app.command(
-    "campaign", cls=Deferred, help="Run programs or tests many times in virtual time, on all cores or a cluster."
-)(load_from("emulator.campaign.command:app"))
-app.command("facts", cls=Deferred, help="Print what is known and what is guessed about a PolyScope version.")(
-    load_from("emulator.facts_command:app")
-)
-app.command("ctl", cls=Deferred, help="Use the control API of a running emulator: inputs, buttons, faults, time.")(
-    load_from("emulator.ctl:app")
-)
-app.command("replay", cls=Deferred, help="Execute a recorded run again, compare it, and go on from any moment of it.")(
-    load_from("emulator.replay_command:app")
-)
-app.command("trace", cls=Deferred, help="Show a recorded run as a page for browsers: the arm, a timeline, curves.")(
-    load_from("emulator.trace_command:app")
-)
+for _name, _place, _help in _COMMANDS:
+    app.command(_name, cls=Deferred, help=_help)(load_from(_place))

@@ -54,34 +54,6 @@ _LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
 
 
-@dataclass(frozen=True, slots=True)
-class MissingService:
-    """A service of a real robot that is not emulated: its ports, the reason, and a replacement."""
-
-    name: str
-    ports: str
-    reason: str
-    instead: str
-
-
-NOT_EMULATED: Final = (
-    MissingService("EtherNet/IP adapter", "TCP 44818, UDP 2222", "a fieldbus", "its registers by RTDE or Modbus"),
-    MissingService(
-        "PROFINET IO device, PROFIsafe",
-        "UDP 34964 and Ethernet frames",
-        "a fieldbus",
-        "its registers by RTDE or Modbus",
-    ),
-    MissingService("SSH and SFTP", "TCP 22", "there is no Linux system to log in to", "the folder of --programs"),
-    MissingService(
-        "Screen of the teach pendant",
-        "VNC 5900, HTTP 6080 (simulators)",
-        "PolyScope's user interface belongs to the vendor",
-        "the dashboard server and the script ports",
-    ),
-)
-
-
 _logger = logging.getLogger(__name__)
 
 

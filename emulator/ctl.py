@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from urproto.commandline import application, console
+from urproto.commandline import application, console, fail
 from urproto.controlapi import BadArguments, ControlClient, NotPossible
 from urproto.durable import write_file
 from urproto.ports import CONTROL_API_PORT
@@ -21,7 +21,7 @@ from urproto.text import json_document, unknown
 
 _FAILED: Final = 1
 _WRITTEN: Final = ("save", "journal")
-_USAGE_ERROR: Final = 2
+_PROGRAM: Final = "ur-emulator ctl"
 _LONG: Final = ("tuple[", "list[", "Sequence[")  # types of several values
 
 app = application(completion=False)
@@ -55,9 +55,9 @@ def _ctl(
         result = client.call(name, _arguments(verbs[name], values or [], file))
         _show(result, file if name in _WRITTEN else None)
     except (BadArguments, OSError) as error:
-        _fail(str(error), _USAGE_ERROR)
+        fail(_PROGRAM, error)
     except NotPossible as error:
-        _fail(str(error), _FAILED)
+        fail(_PROGRAM, error, _FAILED)
     finally:
         client.close()
 
@@ -116,8 +116,3 @@ def _show(result: Any, file: Path | None) -> None:
         write_file(file, b64decode(result) if isinstance(result, str) else json.dumps(result, indent=2) + "\n")
     elif result is not None:
         typer.echo(json.dumps(result, indent=2))
-
-
-def _fail(message: str, code: int) -> None:
-    typer.echo(f"ur-emulator ctl: {message}", err=True)
-    raise typer.Exit(code)

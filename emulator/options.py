@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
 from emulator.services.sockets import ScriptNetwork
-from urproto.commandline import completing, with_options_of
+from urproto.commandline import completing, fail, with_options_of
 from urproto.facts import Personality
 from urproto.robots import MODELS
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from emulator.config import EmulatorConfig
     from emulator.machine import ControllerConfig
 
-_USAGE_ERROR: Final = 2
+_PROGRAM: Final = "ur-emulator"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,23 +209,18 @@ def errors_in_one_line() -> Iterator[None]:
 
     try:
         yield
-    except ConfigError as error:
-        _fail(str(error))
-    except RealTimeRefused as error:
-        _fail(str(error))
+    except (ConfigError, RealTimeRefused) as error:
+        fail(_PROGRAM, error)
     except NotReady as error:
-        _fail(f"not ready: {error}")
+        fail(_PROGRAM, f"not ready: {error}")
     except OSError as error:
-        _fail(error.strerror or str(error))
+        fail(_PROGRAM, error.strerror or error)
     except ImportError as error:
         if ".so" not in str(error):  # otherwise a system library is missing that the package does not include
             raise
-        _fail(f"{error}. Pinocchio needs the OpenMP runtime: apt install libgomp1 (Debian), dnf install libgomp")
+        fail(
+            _PROGRAM, f"{error}. Pinocchio needs the OpenMP runtime: apt install libgomp1 (Debian), dnf install libgomp"
+        )
     except KeyboardInterrupt:
         if sys.platform != "win32":  # on Windows the event loop cannot handle signals, so Ctrl-C arrives here
             raise
-
-
-def _fail(message: str) -> NoReturn:
-    typer.echo(f"ur-emulator: {message}", err=True)
-    raise typer.Exit(_USAGE_ERROR)

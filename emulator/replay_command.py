@@ -15,10 +15,10 @@ from emulator.logs import LogLevel, log_to_stderr
 from emulator.options import CONTROLLER_OPTIONS, RobotOptions, errors_in_one_line, with_ports
 from emulator.serve import serve
 from emulator.snapshot import Snapshot
-from urproto.commandline import application, with_options_of
+from urproto.commandline import application, fail, with_options_of
 from urproto.text import number
 
-_USAGE_ERROR: Final = 2
+_PROGRAM: Final = "ur-emulator replay"
 _DIFFERS: Final = 1
 
 app = application(completion=False)
@@ -55,9 +55,9 @@ def _replay(
                 with errors_in_one_line():
                     asyncio.run(serve(with_ports(replay.config, **robot), None, None, replay=replay))
     except ValueError as error:
-        _fail(str(error), _USAGE_ERROR)
+        fail(_PROGRAM, error)
     except OSError as error:
-        _fail(f"{file}: {error.strerror}", _USAGE_ERROR)
+        fail(_PROGRAM, f"{file}: {error.strerror}")
 
 
 def _condition(text: str) -> Callable[[Snapshot], bool] | None:
@@ -86,8 +86,3 @@ def _report(replay: Replay, took_s: float) -> None:
         return
     typer.echo(f"{replay.difference}\nlikely cause: {replay.advice}", err=True)
     raise typer.Exit(_DIFFERS)
-
-
-def _fail(message: str, code: int) -> None:
-    typer.echo(f"ur-emulator replay: {message}", err=True)
-    raise typer.Exit(code)

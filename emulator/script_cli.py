@@ -3,7 +3,6 @@
 Running loads the whole emulator, so each command imports what it needs.
 """
 
-import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from emulator.script_options import add_controller_options, add_run_options
-from urproto.entry import SUCCESS, USAGE_ERROR
+from urproto.entry import SUCCESS, usage_error
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
@@ -60,11 +59,6 @@ def _version() -> str:
         return "unknown"
 
 
-def _usage_error(message: str) -> int:
-    sys.stderr.write(f"urscript: {message}\n")
-    return USAGE_ERROR
-
-
 # functions
 
 
@@ -72,15 +66,15 @@ def _functions(options: Namespace) -> int:
     try:
         _, version = _chosen_controller(options)
     except ValueError as error:
-        return _usage_error(str(error))
+        return usage_error("urscript", error)
     available = libraries()
     chapter = ""
     for builtin in sorted(available.available(version).values(), key=lambda b: (b.chapter, b.name)):
         if builtin.chapter != chapter:
             chapter = builtin.chapter
-            sys.stdout.write(f"\n{chapter}\n")
+            print(f"\n{chapter}")
         note = f" ({builtin.note})" if builtin.note else ""
-        sys.stdout.write(f"  {builtin.signature:<60} {builtin.status}{note}\n")
+        print(f"  {builtin.signature:<60} {builtin.status}{note}")
     return SUCCESS
 
 

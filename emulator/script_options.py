@@ -37,25 +37,14 @@ def add_run_options(parser: ArgumentParser) -> None:
     parser.add_argument("--world", type=Path, metavar="WORLD", help=help_of("world"))
     parser.add_argument("--gripper", metavar="MODEL", help=help_of("gripper"))
     parser.add_argument("--gripper-object", type=_positive, metavar="MM", help=help_of("gripper_object"))
-    parser.add_argument(
-        "--arm",
-        metavar="ideal|dynamic|FILE",
-        default=ArmKind.IDEAL,
-        help=help_of("arm"),
-    )
+    parser.add_argument("--arm", metavar="ideal|dynamic|FILE", default=ArmKind.IDEAL, help=help_of("arm"))
     parser.add_argument(
         "--seed",
         type=int,
         default=0,
         help="seed of a dynamic arm's measurement noise, and of faults without a seed",
     )
-    parser.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="KIND,NAME=VALUE,...",
-        help=help_of("fault"),
-    )
+    parser.add_argument("--fault", action="append", default=[], metavar="KIND,NAME=VALUE,...", help=help_of("fault"))
     parser.add_argument(
         "--speed-slider", type=_fraction, default=1.0, metavar="0..1", help="position of the speed slider (default 1)"
     )

@@ -3,7 +3,6 @@
 import asyncio
 import math
 import re
-import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ from emulator.peers.file import read_peers
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.servers.script_sockets import NetworkSockets, ScriptPort
 from emulator.services.sockets import ScriptNetwork
-from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
+from urproto.entry import SUCCESS, TROUBLE, usage_error
 from urproto.robots import RobotModel
 from urproto.robots.model import Joints
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
@@ -59,9 +58,9 @@ class Outcome:
 def run(options: Namespace) -> int:
     """Compile and run the file; return the exit status."""
     try:
-        return execute(options, _print_line).status
+        return execute(options, print).status
     except ValueError as error:
-        return _usage_error(str(error))
+        return usage_error("urscript run", error)
 
 
 def execute(options: Namespace, print_line: Callable[[str], None]) -> Outcome:
@@ -258,12 +257,3 @@ def _final_state(batch: Batch, controller: Controller) -> str:
             f"result  {batch.failure or 'finished'}",
         ]
     )
-
-
-def _print_line(text: str) -> None:
-    sys.stdout.write(text + "\n")
-
-
-def _usage_error(message: str) -> int:
-    sys.stderr.write(f"urscript run: {message}\n")
-    return USAGE_ERROR

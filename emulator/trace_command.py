@@ -10,12 +10,12 @@ import typer
 
 from emulator.journal.file import MAGIC
 from emulator.journal.trace import trace_of
-from urproto.commandline import application
+from urproto.commandline import application, fail
 from urproto.compat import module_command
 from urproto.trace.model import TraceError
 from urproto.trace.page import make_page, packed, run_in
 
-_USAGE_ERROR: Final = 2
+_PROGRAM: Final = "ur-emulator trace"
 
 app = application(completion=False)
 
@@ -33,9 +33,9 @@ def _trace(
     try:
         typer.echo(make_page(file, output, compare, lambda one: _packed(one, begin, end)))
     except ValueError as error:
-        _fail(str(error))
+        fail(_PROGRAM, error)
     except OSError as error:
-        _fail(f"{error.filename or file}: {error.strerror}")
+        fail(_PROGRAM, f"{error.filename or file}: {error.strerror}")
 
 
 def _packed(file: Path, begin_s: float, end_s: float) -> str:
@@ -52,24 +52,10 @@ def _recording(file: Path, begin_s: float, end_s: float) -> str:
     """A recording, which the client reads: in a process of its own, as the emulator does not import the client."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder, "page.html")
-        words = [
-            *module_command("client"),
-            "trace",
-            str(file),
-            "-o",
-            str(page),
-            "--from",
-            str(begin_s),
-            "--to",
-            str(end_s),
-        ]
+        options = [f"--output={page}", f"--from={begin_s}", f"--to={end_s}"]
+        words = [*module_command("client"), "trace", str(file), *options]
         done = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace")
         if done.returncode:
             raise TraceError(done.stderr.strip().removeprefix("ur-client: "))
         typer.echo(done.stderr, err=True, nl=False)
         return run_in(page)
-
-
-def _fail(message: str) -> None:
-    typer.echo(f"ur-emulator trace: {message}", err=True)
-    raise typer.Exit(_USAGE_ERROR)

@@ -9,12 +9,13 @@ from importlib import import_module
 from importlib.metadata import version as distribution_version
 from inspect import Signature, signature
 from math import isfinite
-from typing import TYPE_CHECKING, Annotated, Any, Final, TextIO, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, TextIO, TypeAlias
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from urproto.entry import USAGE_ERROR
 from urproto.text import readable
 
 if TYPE_CHECKING:
@@ -59,6 +60,12 @@ def version_of(program: str) -> Any:
             raise typer.Exit
 
     return typer.Option("--version", callback=show, is_eager=True, help="Show the version and exit.")
+
+
+def fail(program: str, problem: object, status: int = USAGE_ERROR) -> NoReturn:
+    """End a command with a line on standard error."""
+    typer.echo(f"{program}: {problem}", err=True)
+    raise typer.Exit(status)
 
 
 def with_options_of(

@@ -17,6 +17,12 @@ NOBODY_READS = 141
 """Exit status of a program whose output goes to a pipe that was closed, as in shells: ``urscript run x | head -1``."""
 
 
+def usage_error(program: str, problem: object) -> int:
+    """Report wrong usage in a line on standard error, and return the exit status for it."""
+    print(f"{program}: {problem}", file=sys.stderr)
+    return USAGE_ERROR
+
+
 def run(load: Callable[[], Callable[[], object]]) -> None:
     """Import a command (``load`` does, and returns its function), run it and exit with what it returns."""
     try:

@@ -6,7 +6,7 @@ those that only make sense in space: length, products, direction. Units and fram
 
 from collections.abc import Iterable, Sequence
 from math import isfinite, sqrt
-from typing import Final
+from typing import Final, TypeGuard
 
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
@@ -33,6 +33,16 @@ def as_six(values: Iterable[float]) -> Vector6:
 def all_finite(values: Iterable[float]) -> bool:
     """False when any value is NaN or infinite."""
     return all(map(isfinite, values))
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a value that was read is a finite number; True and False are none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return isfinite(value)
+    except OverflowError:  # an integer beyond all floats
+        return False
 
 
 def largest(values: Iterable[float]) -> float:

@@ -4,7 +4,7 @@ Every node has the line and column (from 1) that an error about it should point 
 body and for each def and thread, the information that later stages need.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -207,18 +207,26 @@ class FunctionDef(Node):
 Statement: TypeAlias = Assign | ExpressionStatement | If | While | Return | Word | ThreadControl | Label | FunctionDef
 
 
-def all_statements(body: list[Statement]) -> Iterator[Statement]:
-    """The statements of a body and of its blocks, without nested functions."""
-    waiting = [*reversed(body)]
+def blocks(statement: Statement) -> list[list[Statement]]:
+    """The blocks directly inside a statement."""
+    match statement:
+        case If():
+            return [*(block for _, block in statement.branches), statement.otherwise]
+        case While():
+            return [statement.body]
+    return []
+
+
+def all_statements(body: Iterable[Statement]) -> Iterator[Statement]:
+    """Statements and those in their blocks, in the order of the text; without nested functions."""
+    waiting = [*body][::-1]
     while waiting:
         statement = waiting.pop()
         if isinstance(statement, FunctionDef):
             continue
         yield statement
-        if isinstance(statement, If):
-            waiting += [*statement.otherwise, *(inner for _, block in statement.branches for inner in block)]
-        elif isinstance(statement, While):
-            waiting += statement.body
+        for block in reversed(blocks(statement)):
+            waiting += reversed(block)
 
 
 @dataclass(slots=True)

@@ -122,7 +122,7 @@ def types_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0, 
 @controllers_app.command("list")
 def list_command(
     controllers: Annotated[
-        Path | None, typer.Option("--controllers", help="List and check this controllers file; needs no manager.")
+        Path | None, typer.Option(help="List and check this controllers file; needs no manager.")
     ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also list the interfaces they need.")] = False,
     robot_ip: RobotIP = "127.0.0.1",
@@ -166,11 +166,11 @@ def load_command(
     names: _Names,
     controllers: Annotated[
         Path | None,
-        typer.Option("--controllers", help="File with their types and parameters, if it is not the manager's."),
+        typer.Option(help="File with their types and parameters, if it is not the manager's."),
     ] = None,
     set_state: Annotated[
         SetState | None,
-        typer.Option("--set-state", help="Also configure them (inactive), or configure and activate them (active)."),
+        typer.Option(help="Also configure them (inactive), or configure and activate them (active)."),
     ] = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
@@ -224,11 +224,9 @@ def deactivate_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offs
 @controllers_app.command("switch")
 def switch_command(
     activate: Annotated[
-        list[str] | None, typer.Option("--activate", help="Names of controllers, comma-separated or repeated.")
+        list[str] | None, typer.Option(help="Names of controllers, comma-separated or repeated.")
     ] = None,
-    deactivate: Annotated[
-        list[str] | None, typer.Option("--deactivate", help="Names of controllers, likewise.")
-    ] = None,
+    deactivate: Annotated[list[str] | None, typer.Option(help="Names of controllers, likewise.")] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Switch all or none; without it, controllers in another state are skipped.")
     ] = False,
@@ -292,7 +290,7 @@ def set_parameters_command(
 @controllers_app.command("hardware")
 def hardware_command(
     set_state: Annotated[
-        str | None, typer.Option("--set-state", help="First set the arm's state: active, inactive or unconfigured.")
+        str | None, typer.Option(help="First set the arm's state: active, inactive or unconfigured.")
     ] = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,

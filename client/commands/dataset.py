@@ -15,26 +15,20 @@ def dataset_command(
         list[Path],
         typer.Argument(help="Recordings (.mcap, .csv or .npz); each becomes one episode.", exists=True, dir_okay=False),
     ],
-    task: Annotated[
-        list[str], typer.Option("--task", help="Description of the task: one for all recordings, or one for each.")
-    ],
+    task: Annotated[list[str], typer.Option(help="Description of the task: one for all recordings, or one for each.")],
     fps: Annotated[
         int | None,
-        typer.Option("--fps", min=1, help="Frames per second (default: the rate of the images, else 10)."),
+        typer.Option(min=1, help="Frames per second (default: the rate of the images, else 10)."),
     ] = None,
     state: Annotated[
         list[str] | None,
-        typer.Option(
-            "--state", help="RTDE outputs of an observation, or elements of them: actual_q, actual_TCP_pose[2], ..."
-        ),
+        typer.Option(help="RTDE outputs of an observation, or elements of them: actual_q, actual_TCP_pose[2], ..."),
     ] = None,
     action: Annotated[
         list[str] | None,
-        typer.Option(
-            "--action", help="RTDE outputs of an action, likewise: target_q, actual_digital_output_bits[0], ..."
-        ),
+        typer.Option(help="RTDE outputs of an action, likewise: target_q, actual_digital_output_bits[0], ..."),
     ] = None,
-    robot_type: Annotated[str, typer.Option("--robot-type", help="Name of the robot in the dataset.")] = "ur",
+    robot_type: Annotated[str, typer.Option(help="Name of the robot in the dataset.")] = "ur",
 ) -> None:
     """Create a LeRobot dataset (v3.0) from recordings, with the camera images in them."""
     made = write_dataset(

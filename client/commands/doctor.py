@@ -34,7 +34,7 @@ def doctor_command(
     ] = None,
     robot_ip: Annotated[
         str | None,
-        typer.Option("--robot-ip", envvar=ROBOT_IP_VARIABLE, help="The same, as an option like in other commands."),
+        typer.Option(envvar=ROBOT_IP_VARIABLE, help="The same, as an option like in other commands."),
     ] = None,
     port_offset: PortOffset = 0,
     calibration: Annotated[Path | None, typer.Option(help="Calibration file to compare with the robot's.")] = None,

@@ -83,7 +83,7 @@ def identify_command(
     model: Model,
     output: Annotated[Path, typer.Option("-o", "--output", help="Arm file to write (YAML).")] = Path("arm.yaml"),
     plot: Annotated[
-        Path | None, typer.Option("--plot", help="Plot of measured and predicted values to write: .png, .svg or .pdf.")
+        Path | None, typer.Option(help="Plot of measured and predicted values to write: .png, .svg or .pdf.")
     ] = None,
     payload: SetPayload = None,
     columns: Columns = None,

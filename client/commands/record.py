@@ -14,14 +14,7 @@ import typer
 from client import rtde
 from client.calibration import read_calibration
 from client.cameras import Shot
-from client.commands.cameras import (
-    DEFAULT_HZ,
-    CameraNames,
-    CameraOptions,
-    CameraPort,
-    CameraRate,
-    follow_cameras,
-)
+from client.commands.cameras import DEFAULT_HZ, CameraNames, CameraOptions, CameraPort, CameraRate, follow_cameras
 from client.commands.following import Interrupts, PortOffset, ProgressBar, RobotIP, Sink, connect, follow
 from client.commands.scene_drawing import DrawnServer, model_of_robot, scene_drawing
 from client.controllers.remote import check_no_manager
@@ -63,7 +56,7 @@ _STREAM_HZ: Final = 50.0  # smooth enough for any screen
 def describe_command(
     model: Annotated[str | None, typer.Argument(help="The arm, for example ur3 or ur5e.")] = None,
     robot_ip: Annotated[
-        str | None, typer.Option("--robot-ip", help="Read the model and the calibration from this robot instead.")
+        str | None, typer.Option(help="Read the model and the calibration from this robot instead.")
     ] = None,
     port_offset: PortOffset = 0,
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")] = Path("robot.urdf"),
@@ -96,13 +89,13 @@ def plot_command(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Plot to write: .png, .svg, .pdf or .html.")
     ] = None,
-    title: Annotated[str | None, typer.Option("--title", help="Title of the plot (default: the file's name).")] = None,
+    title: Annotated[str | None, typer.Option(help="Title of the plot (default: the file's name).")] = None,
     controller: Annotated[
         str | None,
-        typer.Option("--controller", help='Controller whose desired motion to draw; "robot": the robot\'s target.'),
+        typer.Option(help='Controller whose desired motion to draw; "robot": the robot\'s target.'),
     ] = None,
     limit: Annotated[
-        float | None, typer.Option("--limit", min=0.0, help="Draw a line at this deviation from the path [rad].")
+        float | None, typer.Option(min=0.0, help="Draw a line at this deviation from the path [rad].")
     ] = None,
     overwrite: "Overwrite" = False,
 ) -> None:
@@ -122,7 +115,7 @@ def plot_command(
 
 def replay_command(
     file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
-    speed: Annotated[float, typer.Option("--speed", help="Multiple of the recorded speed.")] = 1.0,
+    speed: Annotated[float, typer.Option(help="Multiple of the recorded speed.")] = 1.0,
     yes: Annotated[bool, typer.Option("--yes", help="Move a real arm without asking for confirmation.")] = False,
     make_ready: Annotated[
         bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if necessary.")
@@ -213,23 +206,19 @@ class _Source:
 
     fields: Annotated[
         list[str] | None,
-        typer.Option(
-            "--fields", help="RTDE outputs, comma-separated or repeated; the word default adds the usual ones."
-        ),
+        typer.Option(help="RTDE outputs, comma-separated or repeated; the word default adds the usual ones."),
     ] = None
     duration: Annotated[
         float | None,
-        typer.Option("--duration", min=0.0, help="Duration by the robot's clock [s] (default: until Ctrl-C)."),
+        typer.Option(min=0.0, help="Duration by the robot's clock [s] (default: until Ctrl-C)."),
     ] = None
     scene: Annotated[
         Path | None,
-        typer.Option("--scene", help="World file whose objects to draw around the arm (extra plan).", dir_okay=False),
+        typer.Option(help="World file whose objects to draw around the arm (extra plan).", dir_okay=False),
     ] = None
     plan: Annotated[
         Path | None,
-        typer.Option(
-            "--plan", help="Output of `ur-client plan --json` whose path to draw (extra plan).", dir_okay=False
-        ),
+        typer.Option(help="Output of `ur-client plan --json` whose path to draw (extra plan).", dir_okay=False),
     ] = None
     camera: CameraNames = None
     depth: Annotated[bool, typer.Option("--depth", help="Also include depth images of those cameras.")] = False
@@ -267,9 +256,7 @@ class _Source:
 def record_command(
     source_options: Mapping[str, Any],
     file: Annotated[Path, typer.Argument(help="File to write: .mcap (ROS 2, PlotJuggler, Foxglove), .csv or .npz.")],
-    frequency: Annotated[
-        float | None, typer.Option("--frequency", help="States per second (default: the robot's full rate).")
-    ] = None,
+    frequency: Annotated[float | None, typer.Option(help="States per second (default: the robot's full rate).")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Record a robot's states, until Ctrl-C."""
@@ -311,25 +298,21 @@ def stream_command(
     plotjuggler: Annotated[
         str | None,
         typer.Option(
-            "--plotjuggler",
             help=f"PlotJuggler's UDP server (udp://127.0.0.1:{PLOTJUGGLER_PORT}) or WebSocket server "
             f"(ws://127.0.0.1:{PLOTJUGGLER_WEBSOCKET_PORT}); choose the protocol json there.",
         ),
     ] = None,
     foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove (see --listen).")] = False,
-    listen: Annotated[
-        str, typer.Option("--listen", help="Address to listen on for Foxglove.")
-    ] = f"ws://127.0.0.1:{FOXGLOVE_PORT}",
+    listen: Annotated[str, typer.Option(help="Address to listen on for Foxglove.")] = f"ws://127.0.0.1:{FOXGLOVE_PORT}",
     urdf: Annotated[
         Path | None,
         typer.Option(
-            "--urdf",
             help="URDF for Foxglove's 3D panel (default: generated for the robot's model).",
             exists=True,
             dir_okay=False,
         ),
     ] = None,
-    frequency: Annotated[float, typer.Option("--frequency", help="States per second.")] = _STREAM_HZ,
+    frequency: Annotated[float, typer.Option(help="States per second.")] = _STREAM_HZ,
 ) -> None:
     """Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C."""
     if not plotjuggler and not foxglove:

@@ -159,7 +159,7 @@ def watch_command(
     ],
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
-    rate: Annotated[float, typer.Option("--rate", help="States per second to request from the robot.")] = 10.0,
+    rate: Annotated[float, typer.Option(help="States per second to request from the robot.")] = 10.0,
     plain: Annotated[bool, typer.Option("--plain", help="Print lines instead of a table, even on a terminal.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print every state as a line of JSON.")] = False,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Also write every state to this file.")] = None,
@@ -179,13 +179,11 @@ def watch_command(
 
 
 def _lines(state: Mapping[str, Any]) -> None:
-    sys.stdout.write(f"{formatting.pairs(state.items())}\n")
-    sys.stdout.flush()
+    print(formatting.pairs(state.items()), flush=True)
 
 
 def _json_lines(state: Mapping[str, Any]) -> None:
-    sys.stdout.write(f"{json.dumps(plain_json(state))}\n")
-    sys.stdout.flush()
+    print(json.dumps(plain_json(state)), flush=True)
 
 
 def _live_table(client: rtde.BlockingRTDEClient, opened: ExitStack) -> Sink:

@@ -44,12 +44,10 @@ def ros2_command(
         typer.Argument(metavar="[-- ROS_ARGUMENTS]", help="Arguments for ROS, such as -r or --params-file."),
     ] = None,
     controller: InitialController = None,
-    domain: Annotated[
-        int | None, typer.Option("--domain", min=0, max=232, help="ROS domain, instead of ROS_DOMAIN_ID.")
-    ] = None,
+    domain: Annotated[int | None, typer.Option(min=0, max=232, help="ROS domain, instead of ROS_DOMAIN_ID.")] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of all nodes: left gives /left/joint_states.")] = "",
     tf_prefix: Annotated[
-        str, typer.Option("--tf-prefix", help="Prefix for the names of joints, frames and interfaces, such as left_.")
+        str, typer.Option(help="Prefix for the names of joints, frames and interfaces, such as left_.")
     ] = "",
     headless: Headless = True,
     setup: Annotated[
@@ -64,7 +62,7 @@ def ros2_command(
         str, typer.Option(help="Gripper on the arm: robotiq-2f-85, robotiq-2f-140 or robotiq-hand-e.")
     ] = "",
     gripper_port: Annotated[
-        int | None, typer.Option("--gripper-port", help="Port of the gripper's software, if not the usual one.")
+        int | None, typer.Option(help="Port of the gripper's software, if not the usual one.")
     ] = None,
     camera: CameraNames = None,
     camera_rate: CameraRate = _CAMERA_HZ,
@@ -84,7 +82,7 @@ def ros2_command(
     ur_type: Annotated[str, typer.Option(help="Refuse a robot of another type than this, such as ur5e.")] = "",
     driver: Annotated[
         list[str] | None,
-        typer.Option("--driver", metavar="NAME=VALUE", help="Setting of DriverConfig, such as reverse_port=50011."),
+        typer.Option(metavar="NAME=VALUE", help="Setting of DriverConfig, such as reverse_port=50011."),
     ] = None,
     make_ready: MakeReady = False,
     robot_ip: RobotIP = "127.0.0.1",

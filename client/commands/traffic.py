@@ -46,9 +46,9 @@ def decode_command(
     ] = None,
     port: Annotated[
         list[int] | None,
-        typer.Option("--port", help="Port of the bytes; in a pcap file, the port to show. Repeatable."),
+        typer.Option(help="Port of the bytes; in a pcap file, the port to show. Repeatable."),
     ] = None,
-    port_offset: Annotated[int, typer.Option("--port-offset", help="Port offset of the emulator.")] = 0,
+    port_offset: Annotated[int, typer.Option(help="Port offset of the emulator.")] = 0,
     form: Annotated[InputForm, typer.Option("--input", help="Format of the file.")] = InputForm.AUTO,
     as_json: Annotated[bool, typer.Option("--json", help="Print every message as a line of JSON.")] = False,
 ) -> None:
@@ -98,15 +98,11 @@ def compare_command(
     second: Annotated[Path, typer.Argument(help="The one to compare it with.")],
     tolerance: Annotated[
         list[str] | None,
-        typer.Option(
-            "--tolerance", help="Tolerance of a unit or field, such as rad=0.01 or actual_q=0.01. Repeatable."
-        ),
+        typer.Option(help="Tolerance of a unit or field, such as rad=0.01 or actual_q=0.01. Repeatable."),
     ] = None,
     offset: Annotated[
         float | None,
-        typer.Option(
-            "--offset", help="Added to the robot time of the first recording [s] (default: found by alignment)."
-        ),
+        typer.Option(help="Added to the robot time of the first recording [s] (default: found by alignment)."),
     ] = None,
     port_offset: PortOffset = 0,
     as_json: AsJson = False,
@@ -128,14 +124,12 @@ def compare_command(
 
 def replay_traffic_command(
     file: Annotated[Path, typer.Argument(help="A recording: a pcapng file of `ur-client proxy`, or any pcap file.")],
-    listen: Annotated[str, typer.Option("--listen", help="Address to listen on for clients.")] = "127.0.0.1",
-    speed: Annotated[float, typer.Option("--speed", help="Recorded seconds per second.")] = 1.0,
+    listen: Annotated[str, typer.Option(help="Address to listen on for clients.")] = "127.0.0.1",
+    speed: Annotated[float, typer.Option(help="Recorded seconds per second.")] = 1.0,
     loop: Annotated[
         bool, typer.Option("--loop", help="Start over at the end of the recording instead of closing the connections.")
     ] = False,
-    recorded_offset: Annotated[
-        int, typer.Option("--recorded-offset", help="Port offset of the robot when it was recorded.")
-    ] = 0,
+    recorded_offset: Annotated[int, typer.Option(help="Port offset of the robot when it was recorded.")] = 0,
     port_offset: PortOffset = 0,
 ) -> None:
     """Act as the robot of a recording, until Ctrl-C: send its states at their times and its answers to requests."""
@@ -159,7 +153,7 @@ async def _play(recording: TrafficRecording, listen: str, speed: float, loop: bo
 
 def proxy_command(
     robot_ip: RobotIP = "127.0.0.1",
-    listen: Annotated[str, typer.Option("--listen", help="Address to listen on for clients.")] = "127.0.0.1",
+    listen: Annotated[str, typer.Option(help="Address to listen on for clients.")] = "127.0.0.1",
     file: Annotated[
         Path | None,
         typer.Option(
@@ -170,13 +164,11 @@ def proxy_command(
     ] = None,
     ports: Annotated[
         list[str] | None,
-        typer.Option("--ports", help="Name or number of a port to relay (default: all of a robot's). Repeatable."),
+        typer.Option(help="Name or number of a port to relay (default: all of a robot's). Repeatable."),
     ] = None,
     driver: Annotated[
         str | None,
-        typer.Option(
-            "--driver", help="Address of a driver: also relay the robot's connections to its ports 50001-50004."
-        ),
+        typer.Option(help="Address of a driver: also relay the robot's connections to its ports 50001-50004."),
     ] = None,
     peers: Annotated[
         list[str] | None,
@@ -188,7 +180,7 @@ def proxy_command(
     ] = None,
     port_offset: PortOffset = 0,
     listen_offset: Annotated[
-        int, typer.Option("--listen-offset", help="Offset added to each port the proxy listens on, as for an emulator.")
+        int, typer.Option(help="Offset added to each port the proxy listens on, as for an emulator.")
     ] = 0,
 ) -> None:
     """Relay every connection to a robot unchanged and record it, until Ctrl-C."""

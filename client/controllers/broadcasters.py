@@ -1,7 +1,7 @@
 """Broadcasters: controllers that command nothing and publish what the hardware reports, once per cycle."""
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from client.controllers.controller import Controller, Interfaces, Topic, controller_type
 from client.controllers.parameters import without_effect
@@ -40,8 +40,6 @@ class JointStateParameters:
 @controller_type("joint_state_broadcaster/JointStateBroadcaster")
 class JointStateBroadcaster(Controller[JointStateParameters]):
     """Publishes positions, velocities and efforts of the joints; extra_joints are added with zeros."""
-
-    parameters_type: ClassVar[type[Any]] = JointStateParameters
 
     def __init__(self, name: str, parameters: JointStateParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
@@ -84,8 +82,6 @@ class SpeedScalingParameters:
 @controller_type("ur_controllers/SpeedScalingStateBroadcaster")
 class SpeedScalingStateBroadcaster(Controller[SpeedScalingParameters]):
     """Publishes the speed scaling in percent: 100 is full speed, 0 is a waiting robot."""
-
-    parameters_type: ClassVar[type[Any]] = SpeedScalingParameters
 
     def __init__(self, name: str, parameters: SpeedScalingParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
@@ -178,8 +174,6 @@ class ForceTorqueParameters:
 class ForceTorqueSensorBroadcaster(Controller[ForceTorqueParameters]):
     """Publishes the wrench that the sensor at the tool measures."""
 
-    parameters_type: ClassVar[type[Any]] = ForceTorqueParameters
-
     def __init__(self, name: str, parameters: ForceTorqueParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self.topic: Topic[WrenchStamped] = Topic("~/wrench")
@@ -241,8 +235,6 @@ class PoseParameters:
 @controller_type("pose_broadcaster/PoseBroadcaster")
 class PoseBroadcaster(Controller[PoseParameters]):
     """Publishes the pose of the tool."""
-
-    parameters_type: ClassVar[type[Any]] = PoseParameters
 
     def __init__(self, name: str, parameters: PoseParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)

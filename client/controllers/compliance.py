@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Final
 
 from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Controller, controller_type
@@ -34,8 +34,6 @@ class FreedriveParameters:
 @controller_type("ur_controllers/FreedriveModeController")
 class FreedriveModeController(Controller[FreedriveParameters]):
     """Keeps the arm in freedrive as long as a client keeps requesting it."""
-
-    parameters_type: ClassVar[type[Any]] = FreedriveParameters
 
     def __init__(self, name: str, parameters: FreedriveParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
@@ -86,8 +84,6 @@ class ForceModeParameters:
 @controller_type("ur_controllers/ForceModeController")
 class ForceModeController(CallingController[ForceModeParameters]):
     """Makes axes of a frame compliant (force mode); alone, or with the passthrough trajectory controller."""
-
-    parameters_type: ClassVar[type[Any]] = ForceModeParameters
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
@@ -155,8 +151,6 @@ class ToolContactParameters:
 @controller_type("ur_controllers/ToolContactController")
 class ToolContactController(Controller[ToolContactParameters]):
     """Stops the arm when the tool touches something, while another controller moves it. e-Series."""
-
-    parameters_type: ClassVar[type[Any]] = ToolContactParameters
 
     def __init__(self, name: str, parameters: ToolContactParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-from types import TracebackType
 from typing import Any, Final
 
 from client.controllers.control import RobotControl
@@ -96,9 +95,7 @@ class ControllerStopper:
         self._manager.on_cycle.append(self._check)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._manager.on_stop.remove(self._remember)
         self._manager.on_cycle.remove(self._check)
 
@@ -144,9 +141,7 @@ class ProgramKeeper:
         self._control.manager.on_cycle.append(self._check)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._control.driver.link.on_silence.remove(self._remember)
         self._control.manager.on_cycle.remove(self._check)
         if self._starting is not None:

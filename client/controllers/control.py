@@ -11,7 +11,6 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, TypeVar
 
 from client.controllers.configuration import ControllersFile
@@ -126,11 +125,9 @@ class RobotControl(ControlLoop):
             self._opened = opening.pop_all()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *reason: object) -> None:
         try:
-            await super().__aexit__(kind, error, trace)
+            await super().__aexit__(*reason)
         finally:
             await self._opened.aclose()
 

@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar, get_args
 
 from client.driver.endpoint import notify
 from client.errors import ControllerError
@@ -189,6 +189,12 @@ class Controller(Generic[Parameters]):
 
     parameters_type: ClassVar[type[Any]] = NoParameters
     type_name: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        """The parameters of ``class Mine(Controller[MyParameters])`` are of the type in brackets."""
+        for base in vars(cls).get("__orig_bases__", ()):
+            if isinstance(kind := get_args(base)[0], type) and "parameters_type" not in vars(cls):
+                cls.parameters_type = kind
 
     def __init__(self, name: str, parameters: Parameters, update_rate_hz: float) -> None:
         self.name = name

@@ -22,6 +22,7 @@ from client.controllers.configuration import sections, text_of
 from client.controllers.goals import JointTrajectoryPoint
 from client.errors import ControllerError
 from urproto.text import quoted
+from urproto.vectors import is_number
 
 GOAL_TIME_S: Final = 4.0
 """Duration that the ROS publishers give each goal [s]."""
@@ -159,19 +160,15 @@ class _Section:
         return value
 
     def _numbers(self, key: str, value: Any) -> tuple[float, ...]:
-        if not isinstance(value, list | tuple) or not all(_is_number(item) for item in value):
+        if not isinstance(value, list | tuple) or not all(is_number(item) for item in value):
             raise self._error(f"{key} must be a list of numbers, not {quoted(value)}")
         return tuple(float(item) for item in value)
 
     def _number(self, key: str, default: float) -> float:
         value = self._given.get(key, default)
-        if not _is_number(value) or value < 0:
+        if not is_number(value) or value < 0:
             raise self._error(f"{key} must be a number of seconds, not {quoted(value)}")
         return float(value)
 
     def _error(self, reason: str) -> ControllerError:
         return ControllerError(self._node, reason)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Topic, controller_type
@@ -76,8 +76,6 @@ class GPIOController(CallingController[GPIOParameters]):
     once its effect is seen.
     """
 
-    parameters_type: ClassVar[type[Any]] = GPIOParameters
-
     def __init__(self, name: str, parameters: GPIOParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self.io_states: Topic[IOStates] = Topic("~/io_states")
@@ -150,13 +148,11 @@ class GPIOController(CallingController[GPIOParameters]):
 
     def resend_robot_program(self) -> Call:
         """Start the control program on the robot again."""
-        name = "resend_robot_program/resend_robot_program"
-        return self._send("resend_robot_program", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+        return self._trigger("resend_robot_program")
 
     def hand_back_control(self) -> Call:
         """End the control program; the robot's own program continues after it."""
-        name = "hand_back_control/hand_back_control"
-        return self._send("hand_back_control", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+        return self._trigger("hand_back_control")
 
     def set_payload(
         self,
@@ -184,8 +180,10 @@ class GPIOController(CallingController[GPIOParameters]):
 
     def zero_ftsensor(self) -> Call:
         """Zero the force/torque sensor (take the present wrench as zero); e-Series."""
-        name = "zero_ftsensor/zero_ftsensor"
-        return self._send("zero_ftsensor", {f"{name}_cmd": 1.0}, f"{name}_async_success")
+        return self._trigger("zero_ftsensor")
+
+    def _trigger(self, name: str) -> Call:
+        return self._send(name, {f"{name}/{name}_cmd": 1.0}, f"{name}/{name}_async_success")
 
     def _check_pin(self, pin: int, count: int, what: str) -> None:
         if not 0 <= pin < count:

@@ -179,8 +179,6 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     velocities or torques through PID control. state_topic: one message per cycle.
     """
 
-    parameters_type: ClassVar[type[Any]] = JointTrajectoryParameters
-
     def __init__(self, name: str, parameters: JointTrajectoryParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self.joints = parameters.joints

@@ -10,7 +10,6 @@ async with URDriver(host, outputs=RTDE_OUTPUTS) as driver:
 import asyncio
 import logging
 from collections.abc import Coroutine
-from types import TracebackType
 from typing import Any, Final
 
 from client.controllers.calls import Call
@@ -95,9 +94,7 @@ class ControlLoop:
         """End all motions and requests: without states there are no more cycles that would end them."""
         self.manager.fall_silent("the robot sends nothing: check the network, then activate again")
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Deactivate all controllers, which stops the arm."""
         self._unsubscribe()
         manager = self.manager

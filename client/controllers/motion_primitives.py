@@ -9,7 +9,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Final
 
 from client.controllers.controller import NO_COMMAND, Controller, controller_type
 from client.controllers.goals import ErrorCode, GoalHandle, MotionPrimitive, PrimitiveType
@@ -136,8 +136,6 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
 
     It takes one goal at a time, with one or more primitives. The goal succeeds when the last one has been executed.
     """
-
-    parameters_type: ClassVar[type[Any]] = MotionPrimitivesParameters
 
     def __init__(self, name: str, parameters: MotionPrimitivesParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)

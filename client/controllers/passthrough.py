@@ -5,7 +5,7 @@ points, it executes them. `Transfer` shows whose turn it is. Source of interface
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Final
 
 from client.controllers.controller import NO_COMMAND, Controller, controller_type
 from client.controllers.goals import (
@@ -55,8 +55,6 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
 
     It takes one goal at a time. The goal succeeds if the arm is within its tolerances at the end.
     """
-
-    parameters_type: ClassVar[type[Any]] = PassthroughParameters
 
     def __init__(self, name: str, parameters: PassthroughParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)

@@ -10,7 +10,6 @@ import asyncio
 import json
 import sys
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final
 
 from client.controllers import protocol
@@ -55,9 +54,7 @@ class RemoteManager:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self._writer.close()
 
     async def _open(self) -> str:

@@ -6,7 +6,6 @@ loop, between two control cycles, so simultaneous switches from two shells are c
 
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack
-from math import isfinite
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -24,6 +23,7 @@ from client.controllers.running import RunningManager
 from client.errors import ControllerError, ManagerError
 from client.recording import BackgroundRecorder
 from urproto.text import quoted
+from urproto.vectors import is_number
 
 _MAX_GOALS: Final = 1000
 _POINT: Final = ("positions", "velocities", "accelerations", "effort")
@@ -57,14 +57,14 @@ class Request:
     def number(self, name: str, default: float | None = None) -> float:
         """A finite number."""
         value = self._message.get(name, default)
-        if _is_number(value):
+        if is_number(value):
             return float(value)
         raise self._wrong(name, "a finite number")
 
     def numbers(self, name: str) -> tuple[float, ...]:
         """A list of finite numbers; empty if left out."""
         value = self._message.get(name, [])
-        if isinstance(value, list | tuple) and all(map(_is_number, value)):
+        if isinstance(value, list | tuple) and all(map(is_number, value)):
             return tuple(map(float, value))
         raise self._wrong(name, "a list of finite numbers")
 
@@ -99,15 +99,6 @@ class Request:
 
     def _wrong(self, name: str, kind: str) -> ManagerError:
         return ManagerError(f"the argument {name} must be {kind}, not {quoted(self._message.get(name))}")
-
-
-def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return isfinite(value)
-    except OverflowError:  # an integer beyond all floats
-        return False
 
 
 Follower: TypeAlias = JointTrajectoryController | PassthroughTrajectoryController

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from client.controllers.calls import Call, CallingController
 from client.controllers.controller import Controller, controller_type
@@ -20,7 +20,6 @@ class SettingParameters:
 class _SettingController(CallingController[SettingParameters]):
     """Base class: a group of command interfaces with an answer."""
 
-    parameters_type: ClassVar[type[Any]] = SettingParameters
     names: ClassVar[tuple[str, ...]] = ()
     answer: ClassVar[str] = ""
 
@@ -65,8 +64,6 @@ class FrictionModelController(_SettingController):
 @controller_type("ur_controllers/URConfigurationController")
 class URConfigurationController(Controller[SettingParameters]):
     """Reports the version of the robot's software."""
-
-    parameters_type: ClassVar[type[Any]] = SettingParameters
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:

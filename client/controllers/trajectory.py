@@ -271,11 +271,7 @@ class Path:
         """The last point, with zero velocities and accelerations if it has none."""
         point = self.points[-1]
         zeros = (0.0,) * len(point.positions)
-        return replace(
-            point,
-            velocities=point.velocities or zeros,
-            accelerations=point.accelerations or zeros,
-        )
+        return replace(point, velocities=point.velocities or zeros, accelerations=point.accelerations or zeros)
 
     def _between(self, index: int, time_s: float) -> JointTrajectoryPoint:
         before_s = self._times[index - 1] if index else self._before_s

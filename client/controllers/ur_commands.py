@@ -7,10 +7,10 @@ from typing import Any, Final, Protocol
 
 from client.controllers.calls import FAILURE, SUCCESS
 from client.controllers.compliance import FORCE_MODE_COMMANDS, ToolContactState
-from client.controllers.controller import NO_COMMAND, Interfaces
+from client.controllers.controller import NO_COMMAND
 from client.controllers.motion_primitives import PRIMITIVE_COMMANDS
 from client.controllers.passthrough import PASSTHROUGH
-from client.controllers.ur_states import URStates
+from client.controllers.ur_states import PrefixedInterfaces, URStates
 from client.errors import ClientError
 from urproto.errors import URError
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
@@ -87,35 +87,19 @@ class ArmDriver(Protocol):
     def set_friction_scales(self, viscous: Sequence[float], coulomb: Sequence[float]) -> None: ...
 
 
-class URCommands:
-    """The interfaces (`all`), whose names begin with `prefix`; `process` carries out one-time commands set on them."""
+class URCommands(PrefixedInterfaces):
+    """The command interfaces; `process` carries out one-time commands set on them."""
 
     def __init__(self, prefix: str, driver: ArmDriver, states: URStates, spawn: Spawn) -> None:
-        joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINT_NAMES]
-        self._prefix = prefix
+        super().__init__(prefix, _names())
         self._driver = driver
         self._states = states
         self._spawn = spawn
         self.contact: str | None = None  # what stopped the arm
-        self.all = Interfaces([*joints, *(prefix + name for name in _names())])
         self._digital = self.part(_DIGITAL)
         self._contact = self.part(["tool_contact/tool_contact_set_state"])
         self._inertia = self.part(_INERTIA)
         self._requests = [(self.part(names), answer, action) for names, answer, action in self._table()]
-
-    def joints(self, kind: str) -> Interfaces:
-        """Command interfaces of one kind, base to wrist 3."""
-        return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINT_NAMES])
-
-    def part(self, names: Sequence[str]) -> Interfaces:
-        """Some of the interfaces, named without the prefix."""
-        return self.all.lend([self._prefix + name for name in names])
-
-    def __getitem__(self, name: str) -> float:
-        return self.all[self._prefix + name]
-
-    def __setitem__(self, name: str, value: float) -> None:
-        self.all[self._prefix + name] = value
 
     def process(self) -> None:
         """Start everything that has been set since the last cycle."""

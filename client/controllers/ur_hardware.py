@@ -21,7 +21,7 @@ from client.driver.reverse import MAX_REAL_TIME_S
 from client.errors import ControllerError, LateSetpointError
 from urproto.errors import LocalProtocolError, URError
 from urproto.joints import JOINT_NAMES
-from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_name
 from urproto.versions import PolyscopeVersion
 
 _WAITING: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)  # a program is paused in these, not ended
@@ -125,9 +125,11 @@ class URHardware:
             self._absent_until_s = time_s + _RESTART_S
             return None
         if safety not in MOVABLE:
-            return f"its safety mode is {_name(SafetyMode, safety)}: clear the cause, then activate again"
+            return f"its safety mode is {mode_name(SafetyMode, safety)}: clear the cause, then activate again"
         if robot_mode != RobotMode.RUNNING:
-            return f"its mode is {_name(RobotMode, robot_mode)}: power it on, start the program, then activate again"
+            return (
+                f"its mode is {mode_name(RobotMode, robot_mode)}: power it on, start the program, then activate again"
+            )
         if running:
             self._absent_until_s = 0.0 if self._ready else self._absent_until_s
             return None
@@ -237,10 +239,3 @@ class URHardware:
             self._unsendable = f"the command cannot be sent: {error}"
         except URError as error:  # the program has just disconnected: read() will notice
             _logger.warning("%s", error)
-
-
-def _name(kind: Any, number: int) -> str:
-    try:
-        return str(kind(number).name)
-    except ValueError:
-        return str(number)

@@ -109,32 +109,41 @@ def check(state: Mapping[str, Any]) -> None:
         raise StateError("timestamp", f"is {state['timestamp']!r}, which is not a time")
 
 
-class URStates:
-    """The interfaces (`all`), whose names begin with `prefix`; `take` fills them from RTDE."""
+class PrefixedInterfaces:
+    """State or command interfaces (`all`) of the joints and with other names; all begin with `prefix`."""
 
-    def __init__(self, prefix: str, version: PolyscopeVersion) -> None:
+    def __init__(self, prefix: str, others: Iterable[str]) -> None:
         joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINT_NAMES]
-        bits = [f"{name}_{place}" for name, count in _BITS.values() for place in range(count)]
-        rest = (*_SINGLE.values(), *bits, *_names(_VECTORS.values()), *_WRENCH, *_POSE, *_VERSION, *_OTHERS)
-        self.all = Interfaces([*joints, *(prefix + name for name in rest)])
         self._prefix = prefix
-        self._flange_sensor = version.series is not Series.CB3
-        self._bits: dict[str, int] = {}
-        self._rows = self._make_rows()
-        self._part(_VERSION).put(
-            [float(part) for part in (version.major, version.minor, version.bugfix, version.build)]
-        )
-        self["system_interface/initialized"] = 1.0
+        self.all = Interfaces([*joints, *(prefix + name for name in others)])
 
-    def __setitem__(self, name: str, value: float) -> None:
-        self.all[self._prefix + name] = value
+    def joints(self, kind: str) -> Interfaces:
+        """Interfaces of one kind, base to wrist 3."""
+        return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINT_NAMES])
+
+    def part(self, names: Sequence[str]) -> Interfaces:
+        """Some of the interfaces, named without the prefix."""
+        return self.all.lend([self._prefix + name for name in names])
 
     def __getitem__(self, name: str) -> float:
         return self.all[self._prefix + name]
 
-    def joints(self, kind: str) -> Interfaces:
-        """State interfaces of one kind, base to wrist 3."""
-        return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINT_NAMES])
+    def __setitem__(self, name: str, value: float) -> None:
+        self.all[self._prefix + name] = value
+
+
+class URStates(PrefixedInterfaces):
+    """The state interfaces; `take` fills them from RTDE."""
+
+    def __init__(self, prefix: str, version: PolyscopeVersion) -> None:
+        bits = [f"{name}_{place}" for name, count in _BITS.values() for place in range(count)]
+        vectors = _names(_VECTORS.values())
+        super().__init__(prefix, (*_SINGLE.values(), *bits, *vectors, *_WRENCH, *_POSE, *_VERSION, *_OTHERS))
+        self._flange_sensor = version.series is not Series.CB3
+        self._bits: dict[str, int] = {}
+        self._rows = self._make_rows()
+        self.part(_VERSION).put([float(part) for part in (version.major, version.minor, version.bugfix, version.build)])
+        self["system_interface/initialized"] = 1.0
 
     def take(self, state: Mapping[str, Any]) -> None:
         """Set the interfaces from RTDE variables by name; missing ones are left unchanged. Raises StateError."""
@@ -147,21 +156,21 @@ class URStates:
             self._wrench.put(self._at_tcp(state))
 
     def _make_rows(self) -> list[tuple[str, Callable[[Any], None]]]:
-        self._wrench = self._part(_WRENCH)
-        pose = self._part(_POSE)
+        self._wrench = self.part(_WRENCH)
+        pose = self.part(_POSE)
         rows: list[tuple[str, Callable[[Any], None]]] = [
             ("actual_q", self.joints("position").put),
             ("actual_qd", self.joints("velocity").put),
             ("actual_current", self.joints("effort").put),
             ("actual_TCP_pose", lambda value: pose.put((*value[:3], *rotvec_to_quaternion(*value[3:])))),
         ]
-        rows += [(variable, self._part([name]).fill) for variable, name in _SINGLE.items()]
-        rows += [(variable, self._part(names).put) for variable, names in _VECTORS.items()]
+        rows += [(variable, self.part([name]).fill) for variable, name in _SINGLE.items()]
+        rows += [(variable, self.part(names).put) for variable, names in _VECTORS.items()]
         return rows + [(variable, self._bit_setter(variable)) for variable in _BITS]
 
     def _bit_setter(self, variable: str) -> Callable[[int], None]:
         name, count = _BITS[variable]
-        part = self._part([f"{name}_{place}" for place in range(count)])
+        part = self.part([f"{name}_{place}" for place in range(count)])
 
         def put(value: int) -> None:
             if self._bits.get(variable) != value:
@@ -179,9 +188,6 @@ class URStates:
         offset = state["tcp_offset"]
         flange = pose_trans(turn, pose_inv((0.0, 0.0, 0.0, *offset[3:])))
         return wrench_trans(offset, wrench_trans(flange, wrench))
-
-    def _part(self, names: Sequence[str]) -> Interfaces:
-        return self.all.lend([self._prefix + name for name in names])
 
 
 def _names(groups: Iterable[Sequence[str]]) -> tuple[str, ...]:

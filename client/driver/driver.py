@@ -7,7 +7,6 @@ async with URDriver("192.168.56.101") as driver:
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AsyncExitStack
-from types import TracebackType
 from typing import Any
 
 from client.blocking import thread_safe
@@ -109,9 +108,7 @@ class URDriver:
             self._open = opening.pop_all()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """End the program, which stops the arm, and close everything."""
         await self._open.aclose()
 

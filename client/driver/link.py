@@ -6,7 +6,6 @@ import socket
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack, suppress
-from types import TracebackType
 from typing import Any, Final
 
 from client import dashboard
@@ -118,9 +117,7 @@ class RobotLink:
             self._connections = opening.pop_all()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self._connections.aclose()
 
     @property

@@ -5,7 +5,6 @@ import logging
 import secrets
 from collections.abc import Mapping
 from contextlib import AsyncExitStack, suppress
-from types import TracebackType
 from typing import Any, Final
 
 from client import dashboard
@@ -107,9 +106,7 @@ class ProgramSupervisor:
             self._open = opening.pop_all()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """End the program, which stops the arm, and close the ports."""
         self._link.on_text.remove(self._on_text)  # a program that is lost from now on is not restarted
         try:

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
-from math import isfinite
 from typing import Any, ClassVar, Final
 
 from client.controllers.remote import RemoteManager
@@ -11,6 +10,7 @@ from client.pendant.polling import Poller
 from urproto.errors import RobotRefused, URError
 from urproto.joints import JOINT_NAMES
 from urproto.robots import RobotModel
+from urproto.vectors import is_number
 
 _PERIOD_S: Final = 1.0  # as often as rqt_joint_trajectory_controller and rqt_controller_manager
 
@@ -153,7 +153,7 @@ class ControlPanel:
         if targets is None:
             self.disable()
             return
-        if not isinstance(targets, list) or len(targets) != len(JOINT_NAMES) or not all(map(_is_number, targets)):
+        if not isinstance(targets, list) or len(targets) != len(JOINT_NAMES) or not all(map(is_number, targets)):
             raise ValueError("sliders send six numbers")
         if self.enabled and (arm := self._read_arm()) is not None:
             limits = zip(targets, *arm[1].position_limits, strict=True)
@@ -188,7 +188,3 @@ class ControlPanel:
         if not matching or not all(names) or len(joints) != len(names):
             raise ManagerError(f"{self.controller} no longer controls the six joints of this arm")
         return names
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)

@@ -3,7 +3,6 @@
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import isawaitable
-from types import TracebackType
 from typing import Any, Final, TypeVar
 
 from nicegui import background_tasks, ui
@@ -98,9 +97,7 @@ class Views:
         self._panels.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._panels.__exit__(None, None, None)
 
     @contextmanager

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -11,7 +10,7 @@ from urproto.durable import write_file
 from urproto.robots import Joints
 from urproto.robots.pose import Pose
 from urproto.text import json_document
-from urproto.vectors import as_six
+from urproto.vectors import as_six, is_number
 
 _QUARTER_TURN: Final = 1.5707963267948966
 BUILT_IN: Final[Mapping[str, Joints]] = {
@@ -148,13 +147,9 @@ def _parse_poses(content: Any) -> dict[str, dict[str, Joints]]:
 
 def _six(values: Any, required: str) -> Joints:
     """Six numbers. Raises ValueError, which says what is required, for anything else."""
-    if not isinstance(values, Sequence) or len(values) != 6 or not all(map(_is_number, values)):
+    if not isinstance(values, Sequence) or len(values) != 6 or not all(map(is_number, values)):
         raise ValueError(f"{required}, not {values!r}")
     return as_six(values)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
 def checked_name(name: str, subject: str) -> str:

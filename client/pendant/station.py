@@ -6,7 +6,6 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from math import ceil
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, TypeVar
 
 from client import dashboard, primary, robotapi, rtde
@@ -179,9 +178,7 @@ class Station:
             self._exit_stack = stack.pop_all()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self._exit_stack.aclose()
 
     # state

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from queue import SimpleQueue
-from types import SimpleNamespace, TracebackType
+from types import SimpleNamespace
 from typing import IO, Any, BinaryIO, Final, NamedTuple
 
 from client.errors import RecordingError
@@ -70,9 +70,7 @@ class BackgroundRecorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def write(self, values: Mapping[str, Any]) -> None:

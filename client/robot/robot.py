@@ -1,7 +1,6 @@
 """`AsyncRobot`: the complete interface to an arm, in one class; the neighbouring modules implement it."""
 
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 from typing import Any, Final
 
 from client.blocking import thread_safe
@@ -138,9 +137,7 @@ class AsyncRobot:
         self._diagnosis.watch()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Stop the arm and disconnect.
 
         Raises the failure of a motion that has not been reported to a caller yet, unless the block itself failed.

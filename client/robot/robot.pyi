@@ -14,7 +14,6 @@ from client.robot.state import RobotState
 from client.robot.streaming import Follow
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager
-from types import TracebackType
 from typing import Any
 from urproto.compat import Self
 from urproto.external_control import Query, TrajectoryPoint
@@ -50,12 +49,7 @@ class AsyncRobot:
         ...
     async def __aenter__(self) -> Self:
         ...
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         ...
     driver: URDriver
     """The driver, for everything that the vendor's control program can do."""

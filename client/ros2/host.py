@@ -18,7 +18,6 @@ import time
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Coroutine, Hashable, Sequence
 from importlib import import_module
-from types import TracebackType
 from typing import Any, TypeVar
 
 from rclpy.context import Context
@@ -122,9 +121,7 @@ class NodeHost:
             self._caller = Caller(self._link, self._pass_on, self._on_end)
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self.end()
         for node in list(self._spinning):
             await in_thread(self.close, node)  # the node may be waiting for the event loop

@@ -143,6 +143,11 @@ def _trajectory_state(controller: RemoteController, request: Any, response: Any,
     response.acceleration = list(point.accelerations)
 
 
+def _trigger(controller: type[Controller[Any]], method: Callable[..., Any]) -> ControllerService:
+    """A service without arguments, named after the method of the controller that it calls."""
+    return ControllerService(controller, method.__name__, _TRIGGER, lambda remote, *_: remote.request(method))
+
+
 QUERIES: Final = (
     Query(URConfigurationController, "get_robot_software_version", "ur_msgs/srv/GetRobotSoftwareVersion", _version),
     Query(JointTrajectoryController, "query_state", "control_msgs/srv/QueryTrajectoryState", _trajectory_state),
@@ -158,25 +163,10 @@ SERVICES: Final = (
             GPIOController.set_speed_slider, request.speed_slider_fraction
         ),
     ),
-    ControllerService(
-        GPIOController,
-        "resend_robot_program",
-        _TRIGGER,
-        lambda controller, *_: controller.request(GPIOController.resend_robot_program),
-    ),
-    ControllerService(
-        GPIOController,
-        "hand_back_control",
-        _TRIGGER,
-        lambda controller, *_: controller.request(GPIOController.hand_back_control),
-    ),
+    _trigger(GPIOController, GPIOController.resend_robot_program),
+    _trigger(GPIOController, GPIOController.hand_back_control),
     ControllerService(GPIOController, "set_payload", "ur_msgs/srv/SetPayload", _set_payload),
-    ControllerService(
-        GPIOController,
-        "zero_ftsensor",
-        _TRIGGER,
-        lambda controller, *_: controller.request(GPIOController.zero_ftsensor),
-    ),
+    _trigger(GPIOController, GPIOController.zero_ftsensor),
     ControllerService(
         ForceModeController,
         "start_force_mode",
@@ -184,12 +174,7 @@ SERVICES: Final = (
         _start_force_mode,
         lambda request: request.task_frame,
     ),
-    ControllerService(
-        ForceModeController,
-        "stop_force_mode",
-        _TRIGGER,
-        lambda controller, *_: controller.request(ForceModeController.stop_force_mode),
-    ),
+    _trigger(ForceModeController, ForceModeController.stop_force_mode),
     ControllerService(
         GravityUpdateController, "set_gravity", "ur_msgs/srv/SetGravity", _set_gravity, lambda request: request.gravity
     ),

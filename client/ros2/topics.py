@@ -174,8 +174,8 @@ def _frames(message: Any, state: JointState, scene: PublishingContext) -> bool:
     return True
 
 
-def _speed_scaling(message: Any, percent: float, scene: PublishingContext) -> bool:
-    message.data = percent
+def _data(message: Any, value: float | bool, scene: PublishingContext) -> bool:
+    message.data = value
     return True
 
 
@@ -234,11 +234,6 @@ def _mode(message: Any, mode: int, scene: PublishingContext) -> bool:
     if not 0 <= mode <= _MAX_MODE:  # no controller has such a mode, and the message cannot hold it
         return False
     message.mode = mode
-    return True
-
-
-def _running(message: Any, running: bool, scene: PublishingContext) -> bool:
-    message.data = running
     return True
 
 
@@ -345,7 +340,7 @@ PUBLICATIONS: Final = (
         "topic",
         "~/speed_scaling",
         "std_msgs/msg/Float64",
-        _speed_scaling,
+        _data,
         every_s=_SCALING_EVERY_S,
     ),
     Publication(GPIOController, "io_states", "~/io_states", "ur_msgs/msg/IOStates", _io_states),
@@ -354,9 +349,7 @@ PUBLICATIONS: Final = (
     Publication(
         GPIOController, "safety_mode", "~/safety_mode", "ur_dashboard_msgs/msg/SafetyMode", _mode, latched=True
     ),
-    Publication(
-        GPIOController, "program_running", "~/robot_program_running", "std_msgs/msg/Bool", _running, latched=True
-    ),
+    Publication(GPIOController, "program_running", "~/robot_program_running", "std_msgs/msg/Bool", _data, latched=True),
     Publication(
         JointTrajectoryController,
         "state_topic",

@@ -14,7 +14,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from itertools import cycle
-from types import TracebackType
 from typing import Final, TypeVar, cast
 
 from client.decoding.states import PRIMARY, REALTIME
@@ -96,9 +95,7 @@ class ReplayRobot:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self._close()
 
     async def _open(self, port: int, make: PlayerFactory) -> None:

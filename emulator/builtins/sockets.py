@@ -20,18 +20,7 @@ from urproto.text import from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.meter import charge
-from urscript.values import (
-    INT_MAX,
-    INT_MIN,
-    MAX_STRING,
-    Any_,
-    Bool,
-    Int,
-    Num,
-    Str,
-    to_text,
-    type_name,
-)
+from urscript.values import INT_MAX, INT_MIN, MAX_STRING, Any_, Bool, Int, Num, Str, to_text, type_name
 
 LIBRARY = Library("sockets", host=True)
 

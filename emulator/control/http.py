@@ -116,9 +116,6 @@ class _ControlConnection(HttpConnection):
         self._steps: Any = None  # of the verb that is not finished
         self._refusing: asyncio.TimerHandle | None = None
 
-    def refusal(self, status: int, text: str) -> Any:
-        return {"error": text}
-
     def lost(self) -> None:
         super().lost()
         if self._refusing is not None:

@@ -1,12 +1,10 @@
 """Verbs about power, the safety system, and what an operator does."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from math import isfinite
 from typing import Any, Final, Literal
 
 from emulator.commands.safety import Jog, SetSafetyInput
-from emulator.control.verbs import Verbs, Waiting, verb
+from emulator.control.verbs import Verbs, Waiting, refusing, verb
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
 from emulator.lifecycle.safety import SafetyEvent
@@ -35,13 +33,13 @@ class SignalVerbs(Verbs):
     @verb
     def set_digital_input(self, index: int, level: bool, group: Group = "standard") -> None:
         """Set a digital input: 0 to 7 (standard and configurable, at the control box), or 0 and 1 (tool)."""
-        with _indices():
+        with refusing(BadArguments):
             self.controller.signals.set_digital_input(_GROUPS[group], index, level)
 
     @verb
     def set_digital_output(self, index: int, level: bool, group: Group = "standard") -> None:
         """Set a digital output, as a program does."""
-        with _indices():
+        with refusing(BadArguments):
             self.controller.signals.set_digital_output(_GROUPS[group], index, level)
 
     @verb
@@ -63,14 +61,14 @@ class SignalVerbs(Verbs):
         """Set analog output 0 or 1 to a ratio (0 to 1) of its range."""
         if not plausible(ratio):
             raise BadArguments(f"an analog output takes a ratio from 0 to 1 of its range, not {ratio}")
-        with _indices():
+        with refusing(BadArguments):
             self.controller.signals.set_analog_output(index, ratio)
 
     @verb
     def set_input_register(self, kind: Register, index: int, value: float) -> None:
         """Write an input register, as clients do; programs read it."""
         bank = self.controller.registers.input
-        with _indices():
+        with refusing(BadArguments):
             if not isfinite(value):
                 raise BadArguments(f"a register takes finite numbers, not {value}")
             if kind == "bit":
@@ -87,17 +85,8 @@ class SignalVerbs(Verbs):
         """Set the speed of the emulated conveyor at encoder 0 or 1."""
         if not plausible(ticks_per_s):
             raise BadArguments(f"{ticks_per_s} ticks/s is out of range for a conveyor")
-        with _indices():
+        with refusing(BadArguments):
             self.controller.encoders[index].simulated_speed = ticks_per_s
-
-
-@contextmanager
-def _indices() -> Iterator[None]:
-    """Turn the error for an invalid index or number into that of a verb."""
-    try:
-        yield
-    except (IndexError, OverflowError) as error:
-        raise BadArguments(str(error)) from error
 
 
 Button = Literal["robot", "system"]
@@ -240,10 +229,8 @@ class ModeVerbs(Verbs):
 
         In simulation, programs move a simulated arm, whose state all ports publish; the real arm stands still.
         """
-        try:
+        with refusing(NotPossible):
             self.controller.simulate(on)
-        except ValueError as error:
-            raise NotPossible(str(error)) from error
 
     @verb
     def simulation(self) -> dict[str, Any]:
@@ -273,11 +260,9 @@ class ModeVerbs(Verbs):
     @verb
     def answer_popup(self, popup_id: int, value: int | float | str | bool | None = None) -> None:
         """Close a popup, or answer a question; without a value the question is cancelled."""
-        try:
+        with refusing(NotPossible):
             if not self.controller.popups.answer(popup_id, value):
                 raise NotPossible(f"no popup {popup_id} is open")
-        except ValueError as error:
-            raise NotPossible(str(error)) from error
 
     def _power(self, event: PowerEvent) -> None:
         if not self.controller.power_event(event):

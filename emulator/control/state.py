@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import Any, Final
 
 from emulator.control.snapshots import check_document, restore_state, save_state
-from emulator.control.verbs import Verbs, verb
+from emulator.control.verbs import Verbs, refusing, verb
 from emulator.robot.installation import Payload
 from emulator.snapshot import Snapshot, plausible
 from urproto.compat import IntEnum, IntFlag
@@ -46,28 +46,22 @@ class StateVerbs(Verbs):
     @verb
     def set_joints(self, q_rad: Vector6) -> None:
         """Place the arm at these joint angles, base to wrist 3 [rad], without a movement. It must be at rest."""
-        try:
+        with refusing(NotPossible):
             self.controller.motion.set_position(q_rad)
-        except ValueError as error:
-            raise NotPossible(str(error)) from error
 
     @verb
     def set_tcp(self, pose: Vector6) -> None:
         """Set the TCP: its pose in the flange frame, x, y, z [m], rx, ry, rz [rad]."""
-        try:
+        with refusing(BadArguments):
             self.controller.set_tcp(pose)
-        except ValueError as error:
-            raise BadArguments(str(error)) from error
 
     @verb
     def set_payload(self, mass_kg: float, cog_m: Vector3 = ZERO3) -> None:
         """Set the payload: mass, and centre of gravity in the flange frame."""
         if mass_kg < 0.0:
             raise BadArguments(f"the mass of a payload cannot be negative: {mass_kg} kg")
-        try:
+        with refusing(BadArguments):
             self.controller.installation.set_payload(Payload.of(mass_kg, cog_m))
-        except ValueError as error:
-            raise BadArguments(str(error)) from error
 
     @verb
     def set_gravity(self, acceleration_m_s2: Vector3) -> None:

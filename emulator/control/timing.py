@@ -4,7 +4,7 @@ import math
 from typing import Protocol
 
 from emulator.control.conditions import Condition, parse_condition
-from emulator.control.verbs import ControlledRobot, Verbs, Waiting, verb
+from emulator.control.verbs import ControlledRobot, Verbs, Waiting, refusing, verb
 from urproto.controlapi import BadArguments, NotPossible
 
 
@@ -93,10 +93,8 @@ class TimeVerbs(Verbs):
         Returns the uptime [s]. Fails after ``timeout_s`` of robot time. Time runs during the wait, even if it is
         paused.
         """
-        try:
+        with refusing(BadArguments):
             holds = parse_condition(condition)
-        except ValueError as error:
-            raise BadArguments(str(error)) from error
         return self._wait(self._until(condition, holds, timeout_s))
 
     def _periods(self, count: int) -> Waiting[float]:

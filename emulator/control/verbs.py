@@ -3,12 +3,13 @@
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar, get_type_hints
 
 import msgspec
 
-from urproto.controlapi import BadArguments
+from urproto.controlapi import BadArguments, NotPossible
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -34,6 +35,15 @@ class ControlledRobot(ABC):
     @abstractmethod
     def wait(self, steps: "Waiting[_T]") -> _T:
         """Let control periods pass until the steps are done; return their result."""
+
+
+@contextmanager
+def refusing(kind: type[BadArguments | NotPossible]) -> Iterator[None]:
+    """Turn the errors that signals, registers, files and the like raise for what they are given into one of a verb."""
+    try:
+        yield
+    except (IndexError, OverflowError, ValueError) as error:
+        raise kind(str(error)) from error
 
 
 class Verbs:

@@ -15,7 +15,7 @@ from emulator.commands.world import (
     ResetWorld,
     WorldCommand,
 )
-from emulator.control.verbs import Verbs, verb
+from emulator.control.verbs import Verbs, refusing, verb
 from emulator.robot.installation import Payload
 from emulator.world.file import describe_object, read_object
 from emulator.world.shapes import Frame, Push
@@ -32,10 +32,8 @@ class WorldVerbs(Verbs):
         self, wrench: Vector6, frame: Literal["base", "tool"] = "base", duration_s: float | None = None
     ) -> None:
         """Push the tool at the TCP with a force [N] and torque [Nm], for ``duration_s`` or until ``release_tool``."""
-        try:
+        with refusing(BadArguments):
             push = Push(wrench, Frame(frame), duration_s)
-        except ValueError as error:
-            raise BadArguments(str(error)) from error
         self._change(PushTool(push))
 
     @verb
@@ -78,10 +76,8 @@ class WorldVerbs(Verbs):
 
         For example {"box": [0.1, 0.1, 0.1], "pose": [0.3, 0, 0], "stiffness": 1e4}.
         """
-        try:
+        with refusing(BadArguments):
             obj = read_object(name, dict(description))
-        except ValueError as error:
-            raise BadArguments(str(error)) from error
         self._change(AddObject(name, obj))
 
     @verb
@@ -97,20 +93,16 @@ class WorldVerbs(Verbs):
     @verb
     def mount_tool(self, description: Mapping[str, Any]) -> None:
         """Give the tool a shape for contacts, other than a point: {"sphere": 0.01}, with a pose in the TCP frame."""
-        try:
+        with refusing(BadArguments):
             tool = read_object("tool", dict(description), tool=True)
-        except ValueError as error:
-            raise BadArguments(str(error)) from error
         self._change(MountTool(tool))
 
     @verb
     def mount_payload(self, mass_kg: float | None = None, cog_m: Vector3 = ZERO3) -> None:
         """Mount a payload that programs do not know about; without a mass, the payload is the one that they set."""
         payload = None if mass_kg is None else Payload.of(mass_kg, cog_m)
-        try:
+        with refusing(BadArguments):
             MountPayload(payload).apply(self.controller)
-        except ValueError as error:
-            raise BadArguments(str(error)) from error
 
     def _change(self, command: WorldCommand) -> None:
         problem = command.apply(self.controller)

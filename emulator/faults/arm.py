@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, added, register
+from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, added, register, until_ended
 from emulator.faults.network import NotNegative
 from emulator.lifecycle.runstate import StopCause
 from emulator.safety.causes import Cause
@@ -153,8 +153,4 @@ class LostBrake(Fault):
         drives = site.controller.simulation.real.drives
         assert drives is not None
         drives.set_brake(self.joint, holds=False)
-        try:
-            while True:
-                yield
-        finally:
-            drives.set_brake(self.joint, holds=True)
+        yield from until_ended(lambda: drives.set_brake(self.joint, holds=True))

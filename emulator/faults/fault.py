@@ -17,7 +17,7 @@ name an ``occasion`` on which they may strike call ``strikes()`` on each; other 
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from random import Random
@@ -114,6 +114,15 @@ def added(items: list[_T], item: _T, *, first: bool = False) -> Iterator[None]:
 
 Act: TypeAlias = Generator[None, None, None]
 Share: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)]
+
+
+def until_ended(undo: Callable[[], object]) -> Act:
+    """Wait until the fault ends, then undo what it has done."""
+    try:
+        while True:
+            yield
+    finally:
+        undo()
 
 
 class FaultError(ValueError):

@@ -8,7 +8,18 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossibleError, Machine, Rate, Share, Site, Strikes, register
+from emulator.faults.fault import (
+    Act,
+    Fault,
+    FaultImpossibleError,
+    Machine,
+    Rate,
+    Share,
+    Site,
+    Strikes,
+    register,
+    until_ended,
+)
 from emulator.faults.network import NotNegative
 from emulator.lifecycle.power import PowerEvent
 
@@ -61,11 +72,7 @@ class ClockDrift(Fault):
     def act(self, site: Site, strikes: Strikes) -> Act:
         rate = _rate(site)
         rate.set_drift(self.share)
-        try:
-            while True:
-                yield
-        finally:
-            rate.set_drift(0.0)
+        yield from until_ended(lambda: rate.set_drift(0.0))
 
 
 @register

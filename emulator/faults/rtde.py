@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal
 
-from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, added, register
+from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, added, register, until_ended
 from emulator.faults.network import ClientFault
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
@@ -109,11 +109,7 @@ class RtdeFieldNotFound(VariableFault):
     def act(self, site: Site, strikes: Strikes) -> Act:
         host = _host(site)
         host.hide(self.field, True)
-        try:
-            while True:
-                yield
-        finally:
-            host.hide(self.field, False)
+        yield from until_ended(lambda: host.hide(self.field, False))
 
 
 @register
@@ -131,11 +127,7 @@ class RtdeInputInUse(VariableFault):
         while reservations.taken(self.field, strikes):  # until then a client uses it, with the same effect
             yield
         reservations.take((self.field,), strikes)
-        try:
-            while True:
-                yield
-        finally:
-            reservations.release(strikes)
+        yield from until_ended(lambda: reservations.release(strikes))
 
 
 @register

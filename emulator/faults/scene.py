@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, register
+from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, register, until_ended
 from emulator.world.disturbances import Disturbances
 
 
@@ -65,11 +65,7 @@ class SlipperyPart(PartFault):
     def act(self, site: Site, strikes: Strikes) -> Act:
         scene = _scene(site)
         scene.set_friction(self.part, self.friction)
-        try:
-            while True:
-                yield
-        finally:
-            scene.set_friction(self.part, None)
+        yield from until_ended(lambda: scene.set_friction(self.part, None))
 
 
 @register
@@ -88,11 +84,7 @@ class JammedConveyor(Fault):
     def act(self, site: Site, strikes: Strikes) -> Act:
         scene = _scene(site)
         scene.jam(self.conveyor, jammed=True)
-        try:
-            while True:
-                yield
-        finally:
-            scene.jam(self.conveyor, jammed=False)
+        yield from until_ended(lambda: scene.jam(self.conveyor, jammed=False))
 
 
 @register
@@ -111,8 +103,4 @@ class CoveredCamera(Fault):
     def act(self, site: Site, strikes: Strikes) -> Act:
         scene = _scene(site)
         scene.cover(self.camera, covered=True)
-        try:
-            while True:
-                yield
-        finally:
-            scene.cover(self.camera, covered=False)
+        yield from until_ended(lambda: scene.cover(self.camera, covered=False))

@@ -162,12 +162,12 @@ def analog_registers() -> dict[int, Cell]:
     """Return the registers of analog signals, of their domains (0 current, 1 voltage), and of the tool voltage."""
     cells: dict[int, Cell] = {}
     for index in (0, 1):
-        cells[4 + 2 * index] = Cell(_analog_input(index))
-        cells[5 + 2 * index] = Cell(_input_domain(index), _write_input_domain(index))
-        cells[8 + 2 * index] = Cell(_tool_input(index))
-        cells[9 + 2 * index] = Cell(_tool_domain(index), _write_tool_domain(index))
-        cells[16 + 2 * index] = Cell(_analog_output(index), _write_analog_output(index))
-        cells[17 + 2 * index] = Cell(_output_domain(index), _write_output_domain(index))
+        cells[4 + 2 * index] = _analog_input("analog_inputs", "analog_input_domains", index)
+        cells[5 + 2 * index] = _domain("analog_input_domains", index)
+        cells[8 + 2 * index] = _analog_input("tool_analog_inputs", "tool_analog_input_domains", index)
+        cells[9 + 2 * index] = _domain("tool_analog_input_domains", index)
+        cells[16 + 2 * index] = _analog_output(index)
+        cells[17 + 2 * index] = _domain("analog_output_domains", index)
     cells[20] = Cell(lambda machine: machine.signals.tool_voltage, _write_tool_voltage)
     return cells
 
@@ -177,55 +177,32 @@ def _scaled(value: float, domain: AnalogDomain) -> float:
     return min(max(ratio, 0.0), 1.0) * _FULL_SCALE
 
 
-def _analog_input(index: int) -> ReadCell:
-    return lambda machine: _scaled(machine.signals.analog_inputs[index], machine.signals.analog_input_domains[index])
-
-
-def _tool_input(index: int) -> ReadCell:
-    return lambda machine: _scaled(
-        machine.signals.tool_analog_inputs[index], machine.signals.tool_analog_input_domains[index]
+def _analog_input(values: str, domains: str, index: int) -> Cell:
+    """An analog input, whose value and domain are in these lists of the signals."""
+    return Cell(
+        lambda machine: _scaled(getattr(machine.signals, values)[index], getattr(machine.signals, domains)[index])
     )
 
 
-def _analog_output(index: int) -> ReadCell:
-    return lambda machine: machine.signals.analog_output_ratios[index] * _FULL_SCALE
+def _analog_output(index: int) -> Cell:
+    return Cell(
+        lambda machine: machine.signals.analog_output_ratios[index] * _FULL_SCALE,
+        lambda machine, word: machine.signals.set_analog_output(index, word / _FULL_SCALE),
+    )
 
 
-def _write_analog_output(index: int) -> WriteCell:
-    return lambda machine, word: machine.signals.set_analog_output(index, word / _FULL_SCALE)
+def _domain(domains: str, index: int) -> Cell:
+    """The domain of an analog signal, in this list of the signals."""
 
+    def write(machine: Machine, word: int) -> None:
+        if word not in (0, 1):
+            raise PortError(
+                f"the domain of an analog signal is 0 (current) or 1 (voltage), not {word}",
+                ExceptionCode.ILLEGAL_DATA_VALUE,
+            )
+        getattr(machine.signals, domains)[index] = AnalogDomain(word)
 
-def _input_domain(index: int) -> ReadCell:
-    return lambda machine: machine.signals.analog_input_domains[index]
-
-
-def _tool_domain(index: int) -> ReadCell:
-    return lambda machine: machine.signals.tool_analog_input_domains[index]
-
-
-def _output_domain(index: int) -> ReadCell:
-    return lambda machine: machine.signals.analog_output_domains[index]
-
-
-def _write_input_domain(index: int) -> WriteCell:
-    return lambda machine, word: _put(machine.signals.analog_input_domains, index, word)
-
-
-def _write_tool_domain(index: int) -> WriteCell:
-    return lambda machine, word: _put(machine.signals.tool_analog_input_domains, index, word)
-
-
-def _write_output_domain(index: int) -> WriteCell:
-    return lambda machine, word: _put(machine.signals.analog_output_domains, index, word)
-
-
-def _put(domains: list[AnalogDomain], index: int, word: int) -> None:
-    if word not in (0, 1):
-        raise PortError(
-            f"the domain of an analog signal is 0 (current) or 1 (voltage), not {word}",
-            ExceptionCode.ILLEGAL_DATA_VALUE,
-        )
-    domains[index] = AnalogDomain(word)
+    return Cell(lambda machine: getattr(machine.signals, domains)[index], write)
 
 
 def _write_tool_voltage(machine: Machine, word: int) -> None:

@@ -16,7 +16,6 @@ from contextlib import AsyncExitStack
 from functools import partial
 from multiprocessing.connection import Connection as Link
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final
 
 import msgspec
@@ -160,9 +159,6 @@ class _ClassConnection(HttpConnection):
     server: ClassServer
     max_body = 64 * 1024
 
-    def refusal(self, status: int, text: str) -> Any:
-        return {"error": text}
-
     def admit(self, request: Request) -> None:
         check_host(request, also=is_local)
         if request.path in (_LOGIN, _ROBOTS):
@@ -299,9 +295,7 @@ class ClassPage:
             raise ConfigError(f"no class page: {problem}")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._link.close()
         join_or_kill(self._process)
 

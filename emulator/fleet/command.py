@@ -14,12 +14,7 @@ from emulator.fleet.class_server import ClassPage, check_class, class_passwords
 from emulator.fleet.plan import FIRST_HOST, MAX_ROBOTS, FleetFile, place
 from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
 from emulator.logs import LogLevel, log_to_stderr
-from emulator.options import (
-    ROBOT_OPTIONS,
-    configure,
-    errors_in_one_line,
-    with_robot_options,
-)
+from emulator.options import ROBOT_OPTIONS, configure, errors_in_one_line, with_robot_options
 from emulator.ports import PORTS
 from emulator.realtime import usable_cores
 from emulator.serve import write_ports

@@ -78,7 +78,6 @@ class Replay:
         self._checksums, self._sums = Checksums(), list[int]()
         self._steps: dict[int, Generator[None, None, Any]] = {}
         self._verbs = 0
-        self._first_bad: tuple[int, float] | None = None
         self._sockets, self._modbus = ReplayedSockets(), ReplayedModbus()
         self._device = ReplayedDevice(lambda: self.periods)
         self.controller = Controller(self.config)

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from importlib import import_module
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Final, Protocol, TypeVar
 
 import mujoco
@@ -182,9 +182,7 @@ class Cameras:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _rgb(self, name: str) -> NDArray[np.uint8]:

@@ -100,7 +100,7 @@ class _RobotApiConnection(HttpConnection):
         super().__init__(server)
         self._queue = CommandQueue(server.controller, self.read_on)
 
-    def refusal(self, status: int, text: str) -> Any:
+    def refusal(self, text: str) -> Any:
         return ApiError(text)
 
     def admit(self, request: Request) -> None:

@@ -18,12 +18,13 @@ Lengths in m, angles in rad, forces in N, power in W, momentum in kg m/s, times 
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from enum import Enum
-from math import isfinite, pi
+from math import pi
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 from urproto.robots.model import RobotModel
+from urproto.vectors import is_number
 from urproto.versions import Series
 from urproto.yamltext import InvalidYamlError, load_yaml
 from urscript.polyscope.document import DocumentError, read_document
@@ -207,7 +208,7 @@ def _flag(value: Any, where: str) -> bool:
 
 
 def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+    if not is_number(value):
         raise SafetySettingsError(f"{where} must be a number, not {str(value)[:40]!r}")
     return float(value)
 

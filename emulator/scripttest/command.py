@@ -2,7 +2,6 @@
 
 import multiprocessing
 import os
-import sys
 from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -15,7 +14,7 @@ from emulator.scripttest.reports import failure_text, junit, result_line, summar
 from emulator.scripttest.runner import Observation, Result, Status, run_test
 from emulator.scripttest.suite import SuiteError, Test, find_files, tests_of
 from urproto.durable import write_file
-from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
+from urproto.entry import SUCCESS, TROUBLE, usage_error
 from urscript.errors import ScriptError
 
 
@@ -24,25 +23,23 @@ def run(options: Namespace) -> int:
     try:
         files = list(find_files(options.paths))
     except SuiteError as error:
-        sys.stderr.write(f"urscript test: {error}\n")
-        return USAGE_ERROR
+        return usage_error("urscript test", error)
     tests, results = _collect(files, options.keyword)
     defaults = {name: value for name in ("model", "polyscope") if (value := getattr(options, name))}
     observation = Observation(bool(options.coverage or options.lcov), bool(options.profile))
     for result in results:
-        _print(result_line(result))
+        print(result_line(result), flush=True)
     for result in _run_all(tests, defaults, observation, options.processes):
-        _print(result_line(result))
+        print(result_line(result), flush=True)
         results.append(result)
     wrong = [result for result in results if result.status is not Status.PASSED]
     for result in wrong:
-        _print(f"\n{failure_text(result)}", end="")
+        print(f"\n{failure_text(result)}", end="")
     try:
         _write_reports(options, results)
     except OSError as error:
-        sys.stderr.write(f"urscript test: {error.filename}: {error.strerror}\n")
-        return USAGE_ERROR
-    _print(summary(results))
+        return usage_error("urscript test", f"{error.filename}: {error.strerror}")
+    print(summary(results))
     return TROUBLE if wrong or not results else SUCCESS
 
 
@@ -78,15 +75,10 @@ def _write_reports(options: Namespace, results: Sequence[Result]) -> None:
         write_file(options.junit, junit(results))
     if options.coverage or options.lcov:
         coverage = merged(result.coverage for result in results)
-        _print(f"\n{coverage_table(coverage)}\n")
+        print(f"\n{coverage_table(coverage)}\n")
         if options.lcov:
             write_file(options.lcov, lcov(coverage))
     if options.profile:
         threads = {f"{result.title} {name}": one for result in results for name, one in result.profile.items()}
-        _print(f"\n{profile_table(threads)}\n")
+        print(f"\n{profile_table(threads)}\n")
         write_file(options.profile, speedscope(threads))
-
-
-def _print(text: str, end: str = "\n") -> None:
-    sys.stdout.write(text + end)
-    sys.stdout.flush()

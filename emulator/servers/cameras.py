@@ -130,9 +130,6 @@ class _CameraConnection(HttpConnection):
         self._full = False  # the write buffer of the connection is full
         self._pumping: asyncio.Handle | None = None
 
-    def refusal(self, status: int, text: str) -> Any:
-        return {"error": text}
-
     def admit(self, request: Request) -> None:
         check_host(request, also=is_local)
         check_site(request)

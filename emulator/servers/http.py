@@ -116,9 +116,9 @@ class HttpConnection(Connection):
         Raises HttpError.
         """
 
-    @abstractmethod
-    def refusal(self, status: int, text: str) -> Any:
+    def refusal(self, text: str) -> Any:
         """Return the content of an error answer."""
+        return {"error": text}
 
     def reply(self, response: Response) -> None:
         """Answer the pending request and continue with the next one."""
@@ -145,7 +145,7 @@ class HttpConnection(Connection):
 
     def refuse(self, error: HttpError) -> Response:
         """Return the answer to a request that is refused."""
-        return Response(error.status, self.refusal(error.status, str(error)), error.headers)
+        return Response(error.status, self.refusal(str(error)), error.headers)
 
     @property
     def waiting(self) -> bool:

@@ -252,7 +252,7 @@ def test_a_robot_that_waits_freezes_the_trajectory_and_goes_on_gently(waiting):
     [
         ({"safety_mode": SafetyMode.ROBOT_EMERGENCY_STOP}, "ROBOT_EMERGENCY_STOP: clear the cause"),
         ({"robot_mode": RobotMode.IDLE}, "its mode is IDLE"),
-        ({"safety_mode": 99}, "its safety mode is 99"),
+        ({"safety_mode": 99}, "its safety mode is UNKNOWN"),
     ],
 )
 def test_a_robot_that_cannot_move_ends_the_goal(change, words):

@@ -1,7 +1,7 @@
 """The sub-packages of a robot state.
 
-Newer versions only append to the bodies. Each dataclass therefore lists the fields of its oldest form in ``_layout``,
-and later fields with their first versions in ``_later``. Decoding relies on the size alone.
+Newer versions only append to the bodies. Each dataclass therefore has the fields of its oldest form first, and later
+ones with their first versions. Decoding relies on the size alone.
 
 First versions, with their sources, are rows of ``urproto/facts/primary.csv``. The layouts: captures of a 5.4, an early
 5.x and a 5.24 simulator and of a late CB3 arm; the rest is from the vendor's client interface documents as interpreted
@@ -9,10 +9,10 @@ by several public clients.
 """
 
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from itertools import chain
-from typing import Any, ClassVar
+from functools import cache
+from itertools import chain, groupby
+from typing import Annotated, Any, ClassVar
 
 from urproto._wire import Reader, pack
 from urproto.compat import Self
@@ -27,23 +27,44 @@ from urproto.modes import (
     ToolMode,
     ToolOutputMode,
 )
-from urproto.primary._wire import frame
-from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
+from urproto.primary._wire import (
+    Double,
+    Flag,
+    Float,
+    Int8,
+    Int32,
+    Layout,
+    SixDoubles,
+    ThreeDoubles,
+    UInt8,
+    UInt32,
+    UInt64,
+    frame,
+)
+from urproto.vectors import ZERO3, ZERO6, Vector6
 from urproto.versions import Availability, PolyscopeVersion
-
-Layout = tuple[tuple[str, str], ...]
 
 _ALWAYS = Availability.since("3.0", "5.0")
 _JOINTS = 6
 
 
-def _count(layout: str) -> int:
-    """The number of values in a layout such as ``6d``."""
-    return int(layout[:-1] or 1)
+def _count(form: str) -> int:
+    """The number of values in a form such as ``6d``."""
+    return int(form[:-1] or 1)
 
 
 def _size(layout: Layout) -> int:
-    return struct.calcsize(">" + "".join(how for _, how in layout))
+    return struct.calcsize(">" + "".join(form for _, form in layout))
+
+
+@cache
+def _parts_of(kind: Any) -> tuple[Layout, tuple[tuple[Availability, Layout], ...]]:
+    """The fields of the oldest form, and those that later versions append together."""
+    marked = ((field, getattr(field.type, "__metadata__", ())) for field in fields(kind))
+    forms = [(marks[1:], (field.name, marks[0])) for field, marks in marked if marks]
+    groups = [(since, tuple(item for _, item in group)) for since, group in groupby(forms, lambda form: form[0])]
+    (_, oldest), *later = groups
+    return oldest, tuple((since[0], layout) for since, layout in later)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,35 +73,46 @@ class SubPackage:
 
     type: ClassVar[int]
     available: ClassVar[Availability] = _ALWAYS
-    _layout: ClassVar[Layout] = ()
-    _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = ()
+
+    @classmethod
+    def _parts(cls) -> tuple[Layout, tuple[tuple[Availability, Layout], ...]]:
+        kind: Any = cls  # which mypy does not take to be hashable
+        return _parts_of(kind)
 
     def encode(self, version: PolyscopeVersion) -> bytes:
         """The sub-package with its header. Raises LocalProtocolError when a value does not fit."""
         return frame(self.type, self._body(version))
 
     def _body(self, version: PolyscopeVersion) -> bytes:
-        later = (layout for since, layout in self._later if since.covers(version))
-        plan = self._layout + tuple(chain.from_iterable(later))
+        return self._packed(self._parts()[0]) + self._packed_later(version)
+
+    def _packed_later(self, version: PolyscopeVersion) -> bytes:
+        later = self._parts()[1]
+        return b"".join(self._packed(layout) for since, layout in later if since.covers(version))
+
+    def _packed(self, layout: Layout) -> bytes:
         values: list[Any] = []
-        for name, how in plan:
+        for name, form in layout:
             value = getattr(self, name)
-            values.extend(value) if _count(how) > 1 else values.append(value)
-        return pack("".join(how for _, how in plan), *values)
+            values.extend(value) if _count(form) > 1 else values.append(value)
+        return pack("".join(form for _, form in layout), *values)
 
     @classmethod
     def _read(cls, reader: Reader) -> Self:
-        values = dict(_read_fields(reader, cls._layout))
-        for _, layout in cls._later:
+        return cls(**_read_fields(reader, cls._parts()[0]), **cls._read_later(reader))
+
+    @classmethod
+    def _read_later(cls, reader: Reader) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for _, layout in cls._parts()[1]:
             if reader.remaining >= _size(layout):
-                values.update(_read_fields(reader, layout))
-        return cls(**values)
+                values |= _read_fields(reader, layout)
+        return values
 
 
-def _read_fields(reader: Reader, layout: Layout) -> Iterator[tuple[str, Any]]:
-    for name, how in layout:
-        values = reader.unpack(how)
-        yield name, values if _count(how) > 1 else values[0]
+def _read_fields(reader: Reader, layout: Layout) -> dict[str, Any]:
+    read = ((name, form, reader.unpack(form)) for name, form in layout)
+    return {name: values if _count(form) > 1 else values[0] for name, form, values in read}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,39 +123,21 @@ class ModeData(SubPackage):
     """
 
     type: ClassVar[int] = 0
-    _layout: ClassVar[Layout] = (
-        ("timestamp_us", "Q"),
-        ("real_robot_connected", "?"),
-        ("real_robot_enabled", "?"),
-        ("robot_power_on", "?"),
-        ("emergency_stopped", "?"),
-        ("protective_stopped", "?"),
-        ("program_running", "?"),
-        ("program_paused", "?"),
-        ("robot_mode", "b"),
-        ("control_mode", "B"),
-        ("target_speed_fraction", "d"),
-        ("speed_scaling", "d"),
-    )
-    _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = (
-        (availability("primary.mode.speed_limit"), (("target_speed_fraction_limit", "d"),)),
-        (availability("primary.mode.reserved"), (("reserved", "B"),)),
-    )
 
-    timestamp_us: int
-    real_robot_connected: bool = True
-    real_robot_enabled: bool = True
-    robot_power_on: bool
-    emergency_stopped: bool
-    protective_stopped: bool
-    program_running: bool
-    program_paused: bool
-    robot_mode: int = RobotMode.RUNNING
-    control_mode: int = ControlMode.POSITION
-    target_speed_fraction: float
-    speed_scaling: float
-    target_speed_fraction_limit: float = 1.0
-    reserved: int = 0
+    timestamp_us: UInt64
+    real_robot_connected: Flag = True
+    real_robot_enabled: Flag = True
+    robot_power_on: Flag
+    emergency_stopped: Flag
+    protective_stopped: Flag
+    program_running: Flag
+    program_paused: Flag
+    robot_mode: Int8 = RobotMode.RUNNING
+    control_mode: UInt8 = ControlMode.POSITION
+    target_speed_fraction: Double
+    speed_scaling: Double
+    target_speed_fraction_limit: Annotated[Double, availability("primary.mode.speed_limit")] = 1.0
+    reserved: Annotated[UInt8, availability("primary.mode.reserved")] = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,27 +179,16 @@ class ToolData(SubPackage):
     """The board in the tool flange: A or V, V, A, degC; tool_mode is a ToolMode."""
 
     type: ClassVar[int] = 2
-    _layout: ClassVar[Layout] = (
-        ("analog_input_range0", "B"),
-        ("analog_input_range1", "B"),
-        ("analog_input0", "d"),
-        ("analog_input1", "d"),
-        ("tool_voltage_48V", "f"),
-        ("tool_output_voltage", "B"),
-        ("tool_current", "f"),
-        ("tool_temperature", "f"),
-        ("tool_mode", "B"),
-    )
 
-    analog_input_range0: int = 1  # range and domain as a 5.24 simulator sends them
-    analog_input_range1: int = 1
-    analog_input0: float = 0.0
-    analog_input1: float = 0.0
-    tool_voltage_48V: float = 0.0
-    tool_output_voltage: int = 0
-    tool_current: float = 0.0
-    tool_temperature: float = 0.0
-    tool_mode: int = ToolMode.RUNNING
+    analog_input_range0: UInt8 = 1  # range and domain as a 5.24 simulator sends them
+    analog_input_range1: UInt8 = 1
+    analog_input0: Double = 0.0
+    analog_input1: Double = 0.0
+    tool_voltage_48V: Float = 0.0
+    tool_output_voltage: UInt8 = 0
+    tool_current: Float = 0.0
+    tool_temperature: Float = 0.0
+    tool_mode: UInt8 = ToolMode.RUNNING
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,73 +211,43 @@ class MasterboardData(SubPackage):
     """
 
     type: ClassVar[int] = 3
-    _layout: ClassVar[Layout] = (
-        ("digital_input_bits", "I"),
-        ("digital_output_bits", "I"),
-        ("analog_input_range0", "B"),
-        ("analog_input_range1", "B"),
-        ("analog_input0", "d"),
-        ("analog_input1", "d"),
-        ("analog_output_domain0", "b"),
-        ("analog_output_domain1", "b"),
-        ("analog_output0", "d"),
-        ("analog_output1", "d"),
-        ("board_temperature", "f"),
-        ("robot_voltage_48V", "f"),
-        ("robot_current", "f"),
-        ("io_current", "f"),
-        ("safety_mode", "B"),
-        ("reduced_mode", "?"),
-    )
-    _tail: ClassVar[tuple[tuple[Availability, Layout], ...]] = (
-        (_ALWAYS, (("safety_checksum", "I"),)),
-        (
-            availability("primary.masterboard.selectors"),
-            (("operational_mode_selector", "B"), ("three_position_device", "B")),
-        ),
-        (availability("primary.masterboard.internal"), (("internal", "B"),)),
-    )
 
-    digital_input_bits: int = 0
-    digital_output_bits: int = 0
-    analog_input_range0: int = 1  # this and internal as in all captures
-    analog_input_range1: int = 1
-    analog_input0: float = 0.0
-    analog_input1: float = 0.0
-    analog_output_domain0: int = 0
-    analog_output_domain1: int = 0
-    analog_output0: float = 0.0
-    analog_output1: float = 0.0
-    board_temperature: float = 0.0
-    robot_voltage_48V: float = 48.0
-    robot_current: float = 0.0
-    io_current: float = 0.0
-    safety_mode: int = SafetyMode.NORMAL
-    reduced_mode: bool = False
+    digital_input_bits: UInt32 = 0
+    digital_output_bits: UInt32 = 0
+    analog_input_range0: UInt8 = 1  # this and internal as in all captures
+    analog_input_range1: UInt8 = 1
+    analog_input0: Double = 0.0
+    analog_input1: Double = 0.0
+    analog_output_domain0: Int8 = 0
+    analog_output_domain1: Int8 = 0
+    analog_output0: Double = 0.0
+    analog_output1: Double = 0.0
+    board_temperature: Float = 0.0
+    robot_voltage_48V: Float = 48.0
+    robot_current: Float = 0.0
+    io_current: Float = 0.0
+    safety_mode: UInt8 = SafetyMode.NORMAL
+    reduced_mode: Flag = False
     euromap: EuromapData | None = None
-    safety_checksum: int = 0
-    operational_mode_selector: int = 0
-    three_position_device: int = 0
-    internal: int = 1
+    safety_checksum: Annotated[UInt32, _ALWAYS] = 0
+    operational_mode_selector: Annotated[UInt8, availability("primary.masterboard.selectors")] = 0
+    three_position_device: Annotated[UInt8, availability("primary.masterboard.selectors")] = 0
+    internal: Annotated[UInt8, availability("primary.masterboard.internal")] = 1
 
     def _body(self, version: PolyscopeVersion) -> bytes:
         euromap = self.euromap
-        body = SubPackage._body(self, version) + pack("b", euromap is not None)
+        body = self._packed(self._parts()[0]) + pack("b", euromap is not None)
         if euromap is not None:
             body += pack("2I2f", euromap.input_bits, euromap.output_bits, euromap.voltage_24V, euromap.current)
-        tail = [item for since, layout in self._tail if since.covers(version) for item in layout]
-        return body + b"".join(pack(how, getattr(self, name)) for name, how in tail)
+        return body + self._packed_later(version)
 
     @classmethod
     def _read(cls, reader: Reader) -> Self:
-        values = dict(_read_fields(reader, cls._layout))
+        values = _read_fields(reader, cls._parts()[0])
         if reader.unpack("b")[0]:
             names = [field.name for field in fields(EuromapData)]
             values["euromap"] = EuromapData(**dict(zip(names, reader.unpack("2I2f"), strict=True)))
-        for _, layout in cls._tail:
-            if reader.remaining >= _size(layout):
-                values.update(_read_fields(reader, layout))
-        return cls(**values)
+        return cls(**values, **cls._read_later(reader))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,13 +255,9 @@ class CartesianInfo(SubPackage):
     """pose_base_tcp and tcp_offset (flange to TCP): x, y, z [m] and rotation vector [rad]."""
 
     type: ClassVar[int] = 4
-    _layout: ClassVar[Layout] = (("pose_base_tcp", "6d"),)
-    _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = (
-        (availability("primary.cartesian.tcp_offset"), (("tcp_offset", "6d"),)),
-    )
 
-    pose_base_tcp: Vector6
-    tcp_offset: Vector6 = ZERO6
+    pose_base_tcp: SixDoubles
+    tcp_offset: Annotated[SixDoubles, availability("primary.cartesian.tcp_offset")] = ZERO6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -301,27 +270,19 @@ class KinematicsInfo(SubPackage):
 
     type: ClassVar[int] = 5
     available: ClassVar[Availability] = availability("primary.kinematics")
-    _layout: ClassVar[Layout] = (
-        ("checksum", "6I"),
-        ("dh_theta", "6d"),
-        ("dh_a", "6d"),
-        ("dh_d", "6d"),
-        ("dh_alpha", "6d"),
-        ("status", "I"),
-    )
 
-    checksum: tuple[int, ...] = (0xFFFFFFFF,) * 6
-    dh_theta: Vector6 = ZERO6
-    dh_a: Vector6 = ZERO6
-    dh_d: Vector6 = ZERO6
-    dh_alpha: Vector6 = ZERO6
-    status: int = KinematicsStatus.NOT_INITIALISED
+    checksum: Annotated[tuple[int, ...], "6I"] = (0xFFFFFFFF,) * 6
+    dh_theta: SixDoubles = ZERO6
+    dh_a: SixDoubles = ZERO6
+    dh_d: SixDoubles = ZERO6
+    dh_alpha: SixDoubles = ZERO6
+    status: UInt32 = KinematicsStatus.NOT_INITIALISED
 
     @classmethod
     def _read(cls, reader: Reader) -> Self:
         if reader.remaining == 4:
             return cls(status=reader.unpack("I")[0])
-        return cls(**dict(_read_fields(reader, cls._layout)))
+        return cls(**_read_fields(reader, cls._parts()[0]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -332,48 +293,30 @@ class ConfigurationData(SubPackage):
     """
 
     type: ClassVar[int] = 6
-    _rest: ClassVar[Layout] = (
-        ("v_joint_default", "d"),
-        ("a_joint_default", "d"),
-        ("v_tool_default", "d"),
-        ("a_tool_default", "d"),
-        ("eq_radius", "d"),
-        ("dh_a", "6d"),
-        ("dh_d", "6d"),
-        ("dh_alpha", "6d"),
-        ("dh_theta", "6d"),
-        ("masterboard_version", "i"),
-        ("controller_box", "i"),
-        ("robot_type", "i"),
-        ("sub_type", "i"),
-    )
 
     q_min: Vector6
     q_max: Vector6
     qd_max: Vector6
     qdd_max: Vector6
-    v_joint_default: float
-    a_joint_default: float
-    v_tool_default: float
-    a_tool_default: float
-    eq_radius: float
-    dh_a: Vector6
-    dh_d: Vector6
-    dh_alpha: Vector6
-    dh_theta: Vector6
-    masterboard_version: int
-    controller_box: int
-    robot_type: int
-    sub_type: int
+    v_joint_default: Double
+    a_joint_default: Double
+    v_tool_default: Double
+    a_tool_default: Double
+    eq_radius: Double
+    dh_a: SixDoubles
+    dh_d: SixDoubles
+    dh_alpha: SixDoubles
+    dh_theta: SixDoubles
+    masterboard_version: Int32
+    controller_box: Int32
+    robot_type: Int32
+    sub_type: Int32
 
     def _body(self, version: PolyscopeVersion) -> bytes:
         limits = chain.from_iterable(
             chain(zip(self.q_min, self.q_max, strict=True), zip(self.qd_max, self.qdd_max, strict=True))
         )
-        rest = [(how, getattr(self, name)) for name, how in self._rest]
-        return pack("24d", *limits) + b"".join(
-            pack(how, *value) if _count(how) > 1 else pack(how, value) for how, value in rest
-        )
+        return pack("24d", *limits) + SubPackage._body(self, version)
 
     @classmethod
     def _read(cls, reader: Reader) -> Self:
@@ -383,7 +326,7 @@ class ConfigurationData(SubPackage):
             q_max=position[1::2],
             qd_max=speed[0::2],
             qdd_max=speed[1::2],
-            **dict(_read_fields(reader, cls._rest)),
+            **_read_fields(reader, cls._parts()[0]),
         )
 
 
@@ -396,10 +339,9 @@ class ForceModeData(SubPackage):
     """
 
     type: ClassVar[int] = 7
-    _layout: ClassVar[Layout] = (("frame", "6d"), ("dexterity", "d"))
 
-    frame: Vector6 = ZERO6
-    dexterity: float = 0.0
+    frame: SixDoubles = ZERO6
+    dexterity: Double = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -408,16 +350,11 @@ class AdditionalInfo(SubPackage):
 
     type: ClassVar[int] = 8
     available: ClassVar[Availability] = availability("primary.additional")
-    _layout: ClassVar[Layout] = (("freedrive_button_pressed", "?"), ("freedrive_button_enabled", "?"))
-    _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = (
-        (availability("primary.additional.io_freedrive"), (("io_enabled_freedrive", "?"),)),
-        (availability("primary.additional.reserved"), (("reserved", "B"),)),
-    )
 
-    freedrive_button_pressed: bool = False
-    freedrive_button_enabled: bool = True
-    io_enabled_freedrive: bool = False
-    reserved: int = 1
+    freedrive_button_pressed: Flag = False
+    freedrive_button_enabled: Flag = True
+    io_enabled_freedrive: Annotated[Flag, availability("primary.additional.io_freedrive")] = False
+    reserved: Annotated[UInt8, availability("primary.additional.reserved")] = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -425,9 +362,8 @@ class CalibrationData(SubPackage):
     """Internal: a wrench [N, Nm]; zero from simulators, the measured force from an arm."""
 
     type: ClassVar[int] = 9
-    _layout: ClassVar[Layout] = (("wrench", "6d"),)
 
-    wrench: Vector6 = ZERO6
+    wrench: SixDoubles = ZERO6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -436,19 +372,12 @@ class SafetyData(SubPackage):
 
     type: ClassVar[int] = 10
     available: ClassVar[Availability] = availability("primary.safety")
-    _layout: ClassVar[Layout] = (
-        ("checksum", "I"),
-        ("flag0", "B"),
-        ("flag1", "B"),
-        ("elbow_position", "3d"),
-        ("elbow_radius", "d"),
-    )
 
-    checksum: int = 0
-    flag0: int = 1
-    flag1: int = 1
-    elbow_position: Vector3 = ZERO3
-    elbow_radius: float = 0.0
+    checksum: UInt32 = 0
+    flag0: UInt8 = 1
+    flag1: UInt8 = 1
+    elbow_position: ThreeDoubles = ZERO3
+    elbow_radius: Double = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -457,21 +386,13 @@ class ToolCommunicationInfo(SubPackage):
 
     type: ClassVar[int] = 11
     available: ClassVar[Availability] = availability("primary.tool_communication")
-    _layout: ClassVar[Layout] = (
-        ("enabled", "?"),
-        ("baud_rate", "i"),
-        ("parity", "i"),
-        ("stop_bits", "i"),
-        ("rx_idle_chars", "f"),
-        ("tx_idle_chars", "f"),
-    )
 
-    enabled: bool = False
-    baud_rate: int = 115200
-    parity: int = 0
-    stop_bits: int = 1
-    rx_idle_chars: float = 1.5
-    tx_idle_chars: float = 3.5
+    enabled: Flag = False
+    baud_rate: Int32 = 115200
+    parity: Int32 = 0
+    stop_bits: Int32 = 1
+    rx_idle_chars: Float = 1.5
+    tx_idle_chars: Float = 3.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -480,15 +401,10 @@ class ToolModeInfo(SubPackage):
 
     type: ClassVar[int] = 12
     available: ClassVar[Availability] = availability("primary.tool_mode")
-    _layout: ClassVar[Layout] = (
-        ("output_mode", "B"),
-        ("digital_output0_mode", "B"),
-        ("digital_output1_mode", "B"),
-    )
 
-    output_mode: int = ToolOutputMode.DIGITAL
-    digital_output0_mode: int = ToolDigitalOutputMode.SINKING_NPN
-    digital_output1_mode: int = ToolDigitalOutputMode.SINKING_NPN
+    output_mode: UInt8 = ToolOutputMode.DIGITAL
+    digital_output0_mode: UInt8 = ToolDigitalOutputMode.SINKING_NPN
+    digital_output1_mode: UInt8 = ToolDigitalOutputMode.SINKING_NPN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -500,7 +416,6 @@ class SingularityInfo(SubPackage):
 
     type: ClassVar[int] = 13
     available: ClassVar[Availability] = availability("primary.singularity")
-    _layout: ClassVar[Layout] = (("severity", "B"), ("kind", "B"))
 
-    severity: int
-    kind: int
+    severity: UInt8
+    kind: UInt8

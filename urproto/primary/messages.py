@@ -1,15 +1,15 @@
 """Robot messages (type 20) of the primary interface: events with their time and source.
 
-Each message is a dataclass with the order of its body in ``_layout``: a struct letter for a number, ``short`` for text
-preceded by a length byte, ``text`` for text up to the end. Messages of an unknown kind decode to UnknownMessage, which
-keeps all their bytes.
+Each message is a dataclass with the fields of its body in their order. Messages of an unknown kind decode to
+UnknownMessage, which keeps all their bytes.
 
 Sources of the layouts: the vendor's client interface documents as interpreted by several public clients. Where each
 kind of message comes from (``source``): captures of a 5.4 simulator and of a live 5.11 arm, tests of the official C++
 client.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cache
 from typing import Any, ClassVar
 
 from urproto._wire import Reader, pack, short_text
@@ -17,7 +17,17 @@ from urproto.compat import Self
 from urproto.errors import RemoteProtocolError
 from urproto.facts import availability
 from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType
-from urproto.primary._wire import ROBOT_MESSAGE, frame
+from urproto.primary._wire import (
+    ROBOT_MESSAGE,
+    Flag,
+    Int32,
+    Layout,
+    ShortText,
+    Text,
+    UInt8,
+    UInt32,
+    frame,
+)
 from urproto.text import from_bytes, to_bytes
 from urproto.versions import PolyscopeVersion
 
@@ -35,6 +45,14 @@ NO_TIMESTAMP_US = 2**64 - 1
 # vendor's document of 5.9 says so, and two public clients that show an arm's popups read them there (one of them first
 # searched for the documented kind 2). That both changes came with the same version is a guess.
 _LONG_POPUP = availability("primary.long_popup")
+_SHORT_POPUP = ("warning", "error", "title", "text")
+
+
+@cache
+def _layout_of(kind: Any) -> Layout:
+    """The fields of the body, which have a form on the wire."""
+    marked = ((field.name, getattr(field.type, "__metadata__", ())) for field in fields(kind))
+    return tuple((name, marks[0]) for name, marks in marked if marks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,8 +64,6 @@ class RobotMessage:
     """
 
     kind: ClassVar[int]
-    _layout: ClassVar[tuple[tuple[str, str], ...]]
-
     timestamp_us: int = 0
     source: int = MessageSource.ROBOT_INTERFACE
 
@@ -64,8 +80,13 @@ class RobotMessage:
         return self.kind
 
     @classmethod
-    def _layout_for(cls, version: PolyscopeVersion) -> tuple[tuple[str, str], ...]:
-        return cls._layout
+    def _layout(cls) -> Layout:
+        kind: Any = cls  # which mypy does not take to be hashable
+        return _layout_of(kind)
+
+    @classmethod
+    def _layout_for(cls, version: PolyscopeVersion) -> Layout:
+        return cls._layout()
 
     def _body(self, version: PolyscopeVersion) -> bytes:
         return b"".join(_encode_item(how, getattr(self, name)) for name, how in self._layout_for(version))
@@ -97,10 +118,9 @@ class TextMessage(RobotMessage):
     """A line for the log, as written by ``textmsg()``."""
 
     kind: ClassVar[int] = 0
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (("text", "text"),)
 
     source: int = MessageSource.RT_MACHINE
-    text: str
+    text: Text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,10 +128,9 @@ class ProgramLabelMessage(RobotMessage):
     """The program reached a labelled line (old controllers)."""
 
     kind: ClassVar[int] = 1
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (("label_id", "i"), ("text", "text"))
 
-    label_id: int
-    text: str
+    label_id: Int32
+    text: Text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,37 +141,23 @@ class PopupMessage(RobotMessage):
     """
 
     kind: ClassVar[int] = 2
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("request_id", "I"),
-        ("requested_type", "I"),
-        ("warning", "?"),
-        ("error", "?"),
-        ("blocking", "?"),
-        ("title", "short"),
-        ("text", "text"),
-    )
-    _short_layout: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("warning", "?"),
-        ("error", "?"),
-        ("title", "short"),
-        ("text", "text"),
-    )
 
-    request_id: int = 0
-    requested_type: int = RequestedType.NONE
-    warning: bool = False
-    error: bool = False
-    blocking: bool = False
-    title: str
-    text: str
+    request_id: UInt32 = 0
+    requested_type: UInt32 = RequestedType.NONE
+    warning: Flag = False
+    error: Flag = False
+    blocking: Flag = False
+    title: ShortText
+    text: Text
 
     def _kind(self, version: PolyscopeVersion) -> int:
         as_request = _LONG_POPUP.covers(version) and self.requested_type == RequestedType.NONE
         return RequestValueMessage.kind if as_request else self.kind
 
     @classmethod
-    def _layout_for(cls, version: PolyscopeVersion) -> tuple[tuple[str, str], ...]:
-        return cls._layout if _LONG_POPUP.covers(version) else cls._short_layout
+    def _layout_for(cls, version: PolyscopeVersion) -> Layout:
+        layout = cls._layout()
+        return layout if _LONG_POPUP.covers(version) else tuple(item for item in layout if item[0] in _SHORT_POPUP)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,22 +165,14 @@ class VersionMessage(RobotMessage):
     """The sender's version: the first message on every connection."""
 
     kind: ClassVar[int] = 3
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("project", "short"),
-        ("major", "B"),
-        ("minor", "B"),
-        ("bugfix", "i"),
-        ("build", "i"),
-        ("build_date", "text"),
-    )
 
     timestamp_us: int = NO_TIMESTAMP_US
-    project: str = "URControl"
-    major: int
-    minor: int
-    bugfix: int
-    build: int
-    build_date: str  # for example "04-10-2025, 00:25:33"
+    project: ShortText = "URControl"
+    major: UInt8
+    minor: UInt8
+    bugfix: Int32
+    build: Int32
+    build_date: Text  # for example "04-10-2025, 00:25:33"
 
     @classmethod
     def of(cls, version: PolyscopeVersion, build_date: str, build: int = 0) -> Self:
@@ -193,20 +190,13 @@ class SafetyModeMessage(RobotMessage):
     """The safety mode changed; safety_mode is a SafetyMode."""
 
     kind: ClassVar[int] = 5
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("code", "i"),
-        ("argument", "i"),
-        ("safety_mode", "B"),
-        ("data_type", "I"),
-        ("data", "I"),
-    )
 
     source: int = MessageSource.RT_MACHINE
-    code: int = 0
-    argument: int = 0
-    safety_mode: int
-    data_type: int = ReportDataType.UINT32
-    data: int = 0
+    code: Int32 = 0
+    argument: Int32 = 0
+    safety_mode: UInt8
+    data_type: UInt32 = ReportDataType.UINT32
+    data: UInt32 = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,22 +207,14 @@ class ErrorCodeMessage(RobotMessage):
     """
 
     kind: ClassVar[int] = 6
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("code", "i"),
-        ("argument", "i"),
-        ("level", "i"),
-        ("data_type", "I"),
-        ("data", "I"),
-        ("text", "text"),
-    )
 
     source: int = MessageSource.RT_MACHINE
-    code: int
-    argument: int = 0
-    level: int = ReportLevel.INFO
-    data_type: int = ReportDataType.NONE
-    data: int = 0
-    text: str = ""
+    code: Int32
+    argument: Int32 = 0
+    level: Int32 = ReportLevel.INFO
+    data_type: UInt32 = ReportDataType.NONE
+    data: UInt32 = 0
+    text: Text = ""
 
     @property
     def label(self) -> str:
@@ -245,18 +227,12 @@ class KeyMessage(RobotMessage):
     """A fixed title with a free text, such as the start of a program (see PROGRAM_STARTED)."""
 
     kind: ClassVar[int] = 7
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("code", "i"),
-        ("argument", "i"),
-        ("title", "short"),
-        ("text", "text"),
-    )
 
     source: int = MessageSource.RT_MACHINE
-    code: int = 0
-    argument: int = 0
-    title: str
-    text: str
+    code: Int32 = 0
+    argument: Int32 = 0
+    title: ShortText
+    text: Text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,15 +240,10 @@ class RequestValueMessage(RobotMessage):
     """The program asks the operator for a value; requested_type is a RequestedType."""
 
     kind: ClassVar[int] = 9
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("request_id", "I"),
-        ("requested_type", "I"),
-        ("text", "text"),
-    )
 
-    request_id: int
-    requested_type: int
-    text: str
+    request_id: UInt32
+    requested_type: UInt32
+    text: Text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -280,12 +251,11 @@ class RuntimeExceptionMessage(RobotMessage):
     """A script did not compile or failed while running; line and column count from 1."""
 
     kind: ClassVar[int] = 10
-    _layout: ClassVar[tuple[tuple[str, str], ...]] = (("line", "i"), ("column", "i"), ("text", "text"))
 
     source: int = MessageSource.RT_MACHINE
-    line: int
-    column: int
-    text: str
+    line: Int32
+    column: Int32
+    text: Text
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,10 @@ Source: the RTDE guide, checked against the official Python and C++ clients.
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, get_args
 
 from urproto._wire import Reader, pack, short_text
-from urproto.compat import IntEnum
+from urproto.compat import IntEnum, Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.rtde.recipes import Recipe, split_names
 from urproto.text import from_bytes, to_bytes
@@ -100,250 +100,254 @@ class RTDEDecoder:
         return packages
 
 
-def _wire(kind: PackageType, payload: bytes = b"") -> bytes:
-    return Package(kind, payload).encode()
+class _Message:
+    """A package of a known type; each kind of message writes and reads its own payload."""
+
+    __slots__ = ()
+
+    package_type: ClassVar[PackageType]
+
+    def payload(self, protocol: int) -> bytes:
+        raise NotImplementedError
+
+    def encode(self, protocol: int) -> bytes:
+        return Package(self.package_type, self.payload(protocol)).encode()
 
 
 @dataclass(frozen=True, slots=True)
-class RequestProtocol:
-    """The client requests another protocol version."""
-
-    version: int
-
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.REQUEST_PROTOCOL_VERSION, pack("H", self.version))
+class _Empty(_Message):
+    def payload(self, protocol: int) -> bytes:
+        return b""
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "RequestProtocol":
-        return cls(*reader.unpack("H"))
-
-
-@dataclass(frozen=True, slots=True)
-class ProtocolReply:
-    """Whether the requested protocol version is now active."""
-
-    accepted: bool
-
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.REQUEST_PROTOCOL_VERSION, pack("?", self.accepted))
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "ProtocolReply":
-        return cls(*reader.unpack("?"))
-
-
-@dataclass(frozen=True, slots=True)
-class GetVersion:
-    """The client requests the controller's version."""
-
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.GET_URCONTROL_VERSION)
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "GetVersion":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         return cls()
 
 
 @dataclass(frozen=True, slots=True)
-class VersionReply:
-    """The controller's version."""
+class _Answer(_Message):
+    accepted: bool
 
-    version: PolyscopeVersion
-
-    def encode(self, protocol: int) -> bytes:
-        version = self.version
-        numbers = pack("4I", version.major, version.minor, version.bugfix, version.build)
-        return _wire(PackageType.GET_URCONTROL_VERSION, numbers)
+    def payload(self, protocol: int) -> bytes:
+        return pack("?", self.accepted)
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "VersionReply":
+    def read(cls, reader: Reader, protocol: int) -> Self:
+        return cls(*reader.unpack("?"))
+
+
+@dataclass(frozen=True, slots=True)
+class RequestProtocol(_Message):
+    """The client requests another protocol version."""
+
+    package_type = PackageType.REQUEST_PROTOCOL_VERSION
+    version: int
+
+    def payload(self, protocol: int) -> bytes:
+        return pack("H", self.version)
+
+    @classmethod
+    def read(cls, reader: Reader, protocol: int) -> Self:
+        return cls(*reader.unpack("H"))
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolReply(_Answer):
+    """Whether the requested protocol version is now active."""
+
+    package_type = PackageType.REQUEST_PROTOCOL_VERSION
+
+
+@dataclass(frozen=True, slots=True)
+class GetVersion(_Empty):
+    """The client requests the controller's version."""
+
+    package_type = PackageType.GET_URCONTROL_VERSION
+
+
+@dataclass(frozen=True, slots=True)
+class VersionReply(_Message):
+    """The controller's version."""
+
+    package_type = PackageType.GET_URCONTROL_VERSION
+    version: PolyscopeVersion
+
+    def payload(self, protocol: int) -> bytes:
+        version = self.version
+        return pack("4I", version.major, version.minor, version.bugfix, version.build)
+
+    @classmethod
+    def read(cls, reader: Reader, protocol: int) -> Self:
         return cls(PolyscopeVersion(*reader.unpack("4I")))
 
 
 @dataclass(frozen=True, slots=True)
-class SetupOutputs:
+class SetupOutputs(_Message):
     """The client chooses output variables and, from protocol 2 on, their frequency [Hz]."""
 
+    package_type = PackageType.SETUP_OUTPUTS
     names: tuple[str, ...]
     frequency_hz: float | None = None
 
-    def encode(self, protocol: int) -> bytes:
+    def payload(self, protocol: int) -> bytes:
         names = to_bytes(",".join(self.names))
         if protocol == 1:
-            return _wire(PackageType.SETUP_OUTPUTS, names)
+            return names
         if self.frequency_hz is None:
             raise LocalProtocolError("protocol 2 requires a frequency in an output recipe")
-        return _wire(PackageType.SETUP_OUTPUTS, pack("d", self.frequency_hz) + names)
+        return pack("d", self.frequency_hz) + names
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "SetupOutputs":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         frequency_hz = None if protocol == 1 else reader.unpack("d")[0]
         return cls(split_names(from_bytes(reader.rest())), frequency_hz)
 
 
 @dataclass(frozen=True, slots=True)
-class SetupOutputsReply:
+class SetupOutputsReply(_Message):
     """A type (or NOT_FOUND) for each requested name; protocol 1 has no recipe id."""
 
+    package_type = PackageType.SETUP_OUTPUTS
     types: tuple[str, ...]
     recipe_id: int = 1
 
-    def encode(self, protocol: int) -> bytes:
+    def payload(self, protocol: int) -> bytes:
         head = b"" if protocol == 1 else pack("B", self.recipe_id)
-        return _wire(PackageType.SETUP_OUTPUTS, head + to_bytes(",".join(self.types)))
+        return head + to_bytes(",".join(self.types))
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "SetupOutputsReply":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         recipe_id = 1 if protocol == 1 else reader.unpack("B")[0]
         return cls(split_names(from_bytes(reader.rest())), recipe_id)
 
 
 @dataclass(frozen=True, slots=True)
-class SetupInputs:
+class SetupInputs(_Message):
     """The client chooses input variables to write."""
 
+    package_type = PackageType.SETUP_INPUTS
     names: tuple[str, ...]
 
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.SETUP_INPUTS, to_bytes(",".join(self.names)))
+    def payload(self, protocol: int) -> bytes:
+        return to_bytes(",".join(self.names))
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "SetupInputs":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         return cls(split_names(from_bytes(reader.rest())))
 
 
 @dataclass(frozen=True, slots=True)
-class SetupInputsReply:
+class SetupInputsReply(_Message):
     """A type, NOT_FOUND or IN_USE for each name; recipe id 0 when the recipe is refused."""
 
+    package_type = PackageType.SETUP_INPUTS
     types: tuple[str, ...]
     recipe_id: int
 
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.SETUP_INPUTS, pack("B", self.recipe_id) + to_bytes(",".join(self.types)))
+    def payload(self, protocol: int) -> bytes:
+        return pack("B", self.recipe_id) + to_bytes(",".join(self.types))
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "SetupInputsReply":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         (recipe_id,) = reader.unpack("B")
         return cls(split_names(from_bytes(reader.rest())), recipe_id)
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class Start(_Empty):
     """The client requests that output data be sent."""
 
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.START)
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "Start":
-        return cls()
+    package_type = PackageType.START
 
 
 @dataclass(frozen=True, slots=True)
-class StartReply:
+class StartReply(_Answer):
     """Whether output data is sent from now on."""
 
-    accepted: bool
-
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.START, pack("?", self.accepted))
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "StartReply":
-        return cls(*reader.unpack("?"))
+    package_type = PackageType.START
 
 
 @dataclass(frozen=True, slots=True)
-class Pause:
+class Pause(_Empty):
     """The client requests that output data stop."""
 
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.PAUSE)
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "Pause":
-        return cls()
+    package_type = PackageType.PAUSE
 
 
 @dataclass(frozen=True, slots=True)
-class PauseReply:
+class PauseReply(_Answer):
     """Whether output data has stopped."""
 
-    accepted: bool
-
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.PAUSE, pack("?", self.accepted))
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "PauseReply":
-        return cls(*reader.unpack("?"))
+    package_type = PackageType.PAUSE
 
 
 @dataclass(frozen=True, slots=True)
-class InputData:
+class InputData(_Message):
     """Values written by a client; Recipe.unpack decodes ``data``."""
 
+    package_type = PackageType.DATA_PACKAGE
     recipe_id: int
     data: bytes
 
-    def encode(self, protocol: int) -> bytes:
-        return _wire(PackageType.DATA_PACKAGE, pack("B", self.recipe_id) + self.data)
+    def payload(self, protocol: int) -> bytes:
+        return pack("B", self.recipe_id) + self.data
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "InputData":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         return cls(reader.unpack("B")[0], reader.rest())
 
 
 @dataclass(frozen=True, slots=True)
-class OutputData:
+class OutputData(_Message):
     """Values sent by the controller; protocol 1 has no recipe id."""
 
+    package_type = PackageType.DATA_PACKAGE
     data: bytes
     recipe_id: int = 1
 
-    def encode(self, protocol: int) -> bytes:
+    def payload(self, protocol: int) -> bytes:
         head = b"" if protocol == 1 else pack("B", self.recipe_id)
-        return _wire(PackageType.DATA_PACKAGE, head + self.data)
+        return head + self.data
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "OutputData":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         recipe_id = 1 if protocol == 1 else reader.unpack("B")[0]
         return cls(reader.rest(), recipe_id)
 
 
 @dataclass(frozen=True, slots=True)
-class ClientMessage:
+class ClientMessage(_Message):
     """A client's message for the controller's log; text and source are each cut at 255 bytes."""
 
+    package_type = PackageType.TEXT_MESSAGE
     text: str
     source: str = ""
     level: int = MessageLevel.INFO
 
-    def encode(self, protocol: int) -> bytes:
-        body = short_text(self.text) + short_text(self.source) + pack("B", self.level)
-        return _wire(PackageType.TEXT_MESSAGE, body)
+    def payload(self, protocol: int) -> bytes:
+        return short_text(self.text) + short_text(self.source) + pack("B", self.level)
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "ClientMessage":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         return cls(reader.short_text(), reader.short_text(), *reader.unpack("B"))
 
 
 @dataclass(frozen=True, slots=True)
-class TextMessage:
+class TextMessage(_Message):
     """A message from the controller. In protocol 1, it has no source, and its text may be longer than 255 bytes."""
 
+    package_type = PackageType.TEXT_MESSAGE
     text: str
     source: str = ""
     level: int = MessageLevel.INFO
 
-    def encode(self, protocol: int) -> bytes:
+    def payload(self, protocol: int) -> bytes:
         if protocol != 1:
-            return ClientMessage(self.text, self.source, self.level).encode(protocol)
-        return _wire(PackageType.TEXT_MESSAGE, pack("B", self.level) + to_bytes(self.text))
+            return ClientMessage(self.text, self.source, self.level).payload(protocol)
+        return pack("B", self.level) + to_bytes(self.text)
 
     @classmethod
-    def read(cls, reader: Reader, protocol: int) -> "TextMessage":
+    def read(cls, reader: Reader, protocol: int) -> Self:
         if protocol != 1:
             return cls(reader.short_text(), reader.short_text(), *reader.unpack("B"))
         (level,) = reader.unpack("B")
@@ -362,26 +366,8 @@ Reply = (
     | TextMessage
 )
 
-_REQUESTS: dict[int, Callable[[Reader, int], Request]] = {
-    PackageType.REQUEST_PROTOCOL_VERSION: RequestProtocol.read,
-    PackageType.GET_URCONTROL_VERSION: GetVersion.read,
-    PackageType.SETUP_OUTPUTS: SetupOutputs.read,
-    PackageType.SETUP_INPUTS: SetupInputs.read,
-    PackageType.START: Start.read,
-    PackageType.PAUSE: Pause.read,
-    PackageType.DATA_PACKAGE: InputData.read,
-    PackageType.TEXT_MESSAGE: ClientMessage.read,
-}
-_REPLIES: dict[int, Callable[[Reader, int], Reply]] = {
-    PackageType.REQUEST_PROTOCOL_VERSION: ProtocolReply.read,
-    PackageType.GET_URCONTROL_VERSION: VersionReply.read,
-    PackageType.SETUP_OUTPUTS: SetupOutputsReply.read,
-    PackageType.SETUP_INPUTS: SetupInputsReply.read,
-    PackageType.START: StartReply.read,
-    PackageType.PAUSE: PauseReply.read,
-    PackageType.DATA_PACKAGE: OutputData.read,
-    PackageType.TEXT_MESSAGE: TextMessage.read,
-}
+_REQUESTS: dict[int, type[Request]] = {kind.package_type: kind for kind in get_args(Request)}
+_REPLIES: dict[int, type[Reply]] = {kind.package_type: kind for kind in get_args(Reply)}
 
 
 def output_packer(recipe: Recipe, protocol: int, recipe_id: int = 1) -> Callable[[Any], bytes]:
@@ -401,15 +387,15 @@ def decode_request(package: Package, protocol: int) -> Request:
     Bytes after a fixed layout are ignored. Raises RemoteProtocolError for an unknown type or a payload that is too
     short; the stream itself stays usable.
     """
-    read = _REQUESTS.get(package.type)
-    if read is None:
+    kind = _REQUESTS.get(package.type)
+    if kind is None:
         raise RemoteProtocolError(f"no RTDE package has {_describe(package.type)}")
-    return read(Reader(package.payload, f"RTDE request {_describe(package.type)}"), protocol)
+    return kind.read(Reader(package.payload, f"RTDE request {_describe(package.type)}"), protocol)
 
 
 def decode_reply(package: Package, protocol: int) -> Reply:
     """Decode a package sent by a controller; otherwise like decode_request."""
-    read = _REPLIES.get(package.type)
-    if read is None:
+    kind = _REPLIES.get(package.type)
+    if kind is None:
         raise RemoteProtocolError(f"no RTDE package has {_describe(package.type)}")
-    return read(Reader(package.payload, f"RTDE reply {_describe(package.type)}"), protocol)
+    return kind.read(Reader(package.payload, f"RTDE reply {_describe(package.type)}"), protocol)

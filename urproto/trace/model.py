@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from urproto.compat import IntEnum
 from urproto.errors import URError
 from urproto.joints import JOINT_TITLES
-from urproto.modes import RobotMode, RuntimeState, SafetyMode
+from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_name
 from urproto.robots.model import RobotModel
 from urproto.signals import SIGNALS, digital_signal
 
@@ -124,7 +124,7 @@ class Trace:
         """Add a state, the same time or later than the one before. Returns whether it has become a sample."""
         for lane, name, names in _MODES:
             if name in state and self._changed(name, state[name]):
-                mode = _name(names, state[name])
+                mode = mode_name(names, state[name])
                 alarm = name == "safety_mode" and any(word in mode for word in _ALARMS)
                 self.state(lane, time_s, mode, "error" if alarm else "")
         for lane, (name, letter) in _SIGNALS.items():
@@ -215,13 +215,6 @@ class Trace:
 def _place_of(lane: str) -> int:
     name = "Thread" if lane.startswith("Thread ") else lane
     return _ORDER.index(name) if name in _ORDER else len(_ORDER)
-
-
-def _name(names: type[IntEnum], number: int) -> str:
-    try:
-        return names(number).name
-    except ValueError:
-        return str(number)
 
 
 def _signals(before: int, now: int, letter: str) -> Iterator[str]:

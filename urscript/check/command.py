@@ -7,7 +7,7 @@ from collections.abc import Container, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from urproto.entry import SUCCESS, TROUBLE, USAGE_ERROR
+from urproto.entry import SUCCESS, TROUBLE, usage_error
 from urproto.facts import known_releases
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.check.checking import Finding, findings
@@ -52,13 +52,13 @@ def run(options: Namespace) -> int:
                     versions = chosen_versions(options, project)
                     report[_shown(file)] = _check(file, project, versions, words), versions
                 except SourceError as error:
-                    status = _usage_error(error)
+                    status = usage_error("urscript", error)
             for project in {project for project in words if project.path and Path(name).is_dir()}:
                 report |= _unused(project, words[project], Path(name))
     except ValueError as error:
-        return _usage_error(error)
+        return usage_error("urscript", error)
     for line in FORMATS[options.format](report):
-        sys.stdout.write(f"{line}\n")
+        print(line)
     failed = any(found.is_error or options.strict for all_, _ in report.values() for found in all_)
     return max(status, TROUBLE if failed else SUCCESS)
 
@@ -123,8 +123,3 @@ def _unused(project: Project, words: set[str], folder: Path) -> Report:
             message = f"no program uses what '{text}' defines"
             found.append(Finding(shown, line, 1, UNUSED_INCLUDE, message, lines[line - 1]))
     return {shown: (found, [])} if found else {}
-
-
-def _usage_error(error: Exception) -> int:
-    sys.stderr.write(f"urscript: {error}\n")
-    return USAGE_ERROR

@@ -14,7 +14,6 @@ from urscript.syntax import (
     Constant,
     Expression,
     ExpressionStatement,
-    FunctionDef,
     If,
     Name,
     Return,
@@ -22,6 +21,7 @@ from urscript.syntax import (
     Statement,
     ThreadControl,
     While,
+    all_statements,
     parts,
 )
 
@@ -57,7 +57,7 @@ class Subject:
             (body, statement)
             for body in self.bodies
             if body.scope.loops
-            for statement in nested(body.statements)
+            for statement in all_statements(body.statements)
             if isinstance(statement, While)
         ]
 
@@ -76,28 +76,6 @@ class Subject:
         if isinstance(node, Name) and node.name not in body.scope.locals:
             return self.unit.kinds.constants.get(node.name, node)
         return node
-
-
-def nested(statements: Iterable[Statement]) -> Iterator[Statement]:
-    """Statements and those in their blocks, in the order of the text; without nested functions."""
-    waiting = [*statements][::-1]
-    while waiting:
-        statement = waiting.pop()
-        if isinstance(statement, FunctionDef):
-            continue
-        yield statement
-        for block in reversed(blocks(statement)):
-            waiting += reversed(block)
-
-
-def blocks(statement: Statement) -> list[list[Statement]]:
-    """The blocks directly inside a statement."""
-    match statement:
-        case If():
-            return [*(block for _, block in statement.branches), statement.otherwise]
-        case While():
-            return [statement.body]
-    return []
 
 
 def own_expressions(statement: Statement) -> list[Expression]:

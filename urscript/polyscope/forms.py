@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
+from urproto.vectors import is_number
 from urscript.polyscope.document import Element, check_text, make
 from urscript.polyscope.expressions import expression_of, expression_shown
 from urscript.polyscope.numbers import double_text, number
@@ -96,7 +97,7 @@ class Field:
                 given = float(value.strip())
             except ValueError:
                 given = None
-        if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
+        if not is_number(given):
             raise FieldError(f"must be a number{f' in {self.unit}' if self.unit else ''}, not {value!r}")
         low, high = self.low, self.high
         if (low is not None and given < low) or (high is not None and given > high):

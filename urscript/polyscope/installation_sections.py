@@ -7,10 +7,10 @@ import uuid
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite, pi
+from math import pi
 from typing import Any, ClassVar, Final, Literal, TypeAlias
 
-from urproto.vectors import ZERO3
+from urproto.vectors import ZERO3, is_number
 from urscript.polyscope.document import Element
 from urscript.polyscope.features import read_features
 from urscript.polyscope.installation_file import tcp_settings
@@ -92,8 +92,7 @@ class Field:
         return self._number(value)
 
     def _number(self, value: Any) -> float:
-        sound = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
-        self._require(sound, value, "a number")
+        self._require(is_number(value), value, "a number")
         if self.kind == "whole":
             self._require(float(value).is_integer(), value, "a whole number")
             value = int(value)

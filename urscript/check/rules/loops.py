@@ -4,17 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from urscript.check.rules.registry import rule
-from urscript.check.subject import (
-    Subject,
-    argument,
-    blocks,
-    calls,
-    inner,
-    is_true,
-    names,
-    nested,
-    own_expressions,
-)
+from urscript.check.subject import Subject, argument, calls, inner, is_true, names, own_expressions
 from urscript.inference import root
 from urscript.literals import literal_value
 from urscript.syntax import (
@@ -31,6 +21,8 @@ from urscript.syntax import (
     ThreadControl,
     While,
     Word,
+    all_statements,
+    blocks,
 )
 from urscript.values import is_number
 
@@ -120,7 +112,7 @@ def endless(subject: Subject) -> Iterator[tuple[Node, str]]:
     for _, loop in subject.loops:
         if _END not in timing.idle(loop.body) or timing.takes([loop.condition]):
             continue
-        inside = [loop, *nested(loop.body)]
+        inside = [loop, *all_statements(loop.body)]
         conditions = [c for s in inside if isinstance(s, If | While) for c in own_expressions(s)]
         changed = {root(s.target) for s in inside if isinstance(s, Assign)}
         nodes = (node for s in inside for node in inner(own_expressions(s)))
@@ -181,7 +173,7 @@ def _blocking(block: Sequence[Statement]) -> Iterator[tuple[Node, str]]:
                 yield call, f"{call.name} stops this loop, and with it the arm that servoj moves"
         if isinstance(statement, If):
             for inner_block in blocks(statement):
-                if not any(map(_ends_servoing, nested(inner_block))):
+                if not any(map(_ends_servoing, all_statements(inner_block))):
                     yield from _blocking(inner_block)
 
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from urscript.check.rules.registry import rule
-from urscript.check.subject import Body, Subject, argument, blocks, nested
+from urscript.check.subject import Body, Subject, argument
 from urscript.literals import literal_value
-from urscript.syntax import Call, Expression, ExpressionStatement, FunctionDef, Node, Statement
+from urscript.syntax import Call, Expression, ExpressionStatement, FunctionDef, Node, Statement, all_statements, blocks
 from urscript.values import Pose, is_number
 
 _STRAIGHT: Final = ("movel", "movep")
@@ -20,7 +20,7 @@ def blends(subject: Subject) -> Iterator[tuple[Node, str]]:
     """the blend radius at a waypoint is larger than half of the straight segment before or after it"""
     for body in subject.bodies:
         if any(call.name in _STRAIGHT for call in body.scope.calls):
-            for block in [body.statements, *(b for s in nested(body.statements) for b in blocks(s))]:
+            for block in [body.statements, *(b for s in all_statements(body.statements) for b in blocks(s))]:
                 yield from _in_block(subject, body, block)
 
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from urscript.check.rules.registry import rule
-from urscript.check.subject import Subject, inner, nested, own_expressions
+from urscript.check.subject import Subject, inner, own_expressions
 from urscript.literals import ESCAPE, SENDING
-from urscript.syntax import Call, Constant, Node
+from urscript.syntax import Call, Constant, Node, all_statements
 
 _INTERPRETING = "interpret_escape"  # the argument of socket_read_string that makes it look for escapes
 
@@ -16,7 +16,7 @@ def escapes(subject: Subject) -> Iterator[tuple[Node, str]]:
     if "\\" not in subject.unit.source:
         return
     for body in subject.bodies:
-        for statement in nested(body.statements):
+        for statement in all_statements(body.statements):
             skipped: set[int] = set()
             for node in inner(own_expressions(statement)):
                 if isinstance(node, Call) and (

@@ -5,9 +5,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from urscript.check.rules.registry import declare, rule
-from urscript.check.subject import Subject, blocks, inner, names, nested, own_expressions
+from urscript.check.subject import Subject, inner, names, own_expressions
 from urscript.inference import BOOL, NUMBER, STRING, KindSet, is_local, is_number, is_vector
-from urscript.syntax import Assign, Call, FunctionDef, If, Name, Node, Return, Statement, While, Word
+from urscript.syntax import (
+    Assign,
+    Call,
+    FunctionDef,
+    If,
+    Name,
+    Node,
+    Return,
+    Statement,
+    While,
+    Word,
+    all_statements,
+    blocks,
+)
 
 _TYPES: Final = ((NUMBER, "a number"), (BOOL, "a bool"), (STRING, "a text"))
 _ANYTHING: Final[set[str]] = set()
@@ -37,7 +50,7 @@ def unused_variables(subject: Subject) -> Iterator[tuple[Node, str]]:
     assigned = [
         (body.scope, statement)
         for body in subject.bodies
-        for statement in nested(body.statements)
+        for statement in all_statements(body.statements)
         if isinstance(statement, Assign) and isinstance(statement.target, Name)
     ]
     stores = Counter(statement.target.name for _, statement in assigned if isinstance(statement.target, Name))
@@ -57,7 +70,7 @@ def type_changes(subject: Subject) -> Iterator[tuple[Node, str]]:
     kinds, program = subject.unit.kinds, subject.unit.program
     first: dict[str, str] = {}
     for body in subject.bodies:
-        for statement in nested(body.statements):
+        for statement in all_statements(body.statements):
             if not isinstance(statement, Assign) or not isinstance(statement.target, Name):
                 continue
             name = statement.target.name
@@ -110,12 +123,12 @@ def _outer_ifs(statements: Sequence[Statement]) -> Iterator[If]:
 
 def _conditions(statement: If) -> set[str]:
     """The variables in the conditions of an if, and of those inside it."""
-    return names(c for s in nested([statement]) if isinstance(s, If) for c, _ in s.branches)
+    return names(c for s in all_statements([statement]) if isinstance(s, If) for c, _ in s.branches)
 
 
 def _assigned(parts: Sequence[Sequence[Statement]]) -> set[str]:
     """The variables that some blocks assign."""
-    found = (s.target for block in parts for s in nested(block) if isinstance(s, Assign))
+    found = (s.target for block in parts for s in all_statements(block) if isinstance(s, Assign))
     return {target.name for target in found if isinstance(target, Name)}
 
 

@@ -99,11 +99,7 @@ WAIT: Final = Kind(
 )
 
 
-@node(
-    "Wait",
-    WAIT,
-    children="waitTime pin digitalValue analogComparison analogValue expression",
-)
+@node("Wait", WAIT, children="waitTime pin digitalValue analogComparison analogValue expression")
 def wait(writer: Writer, element: Element) -> None:
     """Wait for a time, an input or a condition."""
     kind = element.get("type")
