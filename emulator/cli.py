@@ -35,7 +35,11 @@ _COMMANDS: Final = (
         "emulator.replay_command:app",
         "Execute a recorded run again, compare it, and go on from any moment of it.",
     ),
-    ("trace", "emulator.trace_command:app", "Show a recorded run as a page for browsers: the arm, a timeline, curves."),
+    (
+        "trace",
+        "emulator.trace_command:app",
+        "Show a recorded run as a page for browsers, which works without a network and a server.",
+    ),
 )
 
 app = application()

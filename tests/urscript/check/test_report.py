@@ -145,14 +145,14 @@ HOSTILE = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files_take_time_in_proportion_to_their_size(check, name):
-    """Twice the size takes less than three times as long (four, were it quadratic); what is fast anyway may vary."""
+    """Four times the size takes less than eight times as long (16, were it quadratic); what is fast anyway may vary."""
     whole = HOSTILE[name]
     took = []
-    for text in (whole[: len(whole) // 2], whole):
+    for text in (whole[: len(whole) // 4], whole):
         began = time.process_time()
         check({name: text, "urscript.toml": 'templates = ["braces.*", "holes.*"]'}, name)
         took.append(time.process_time() - began)
-    assert took[1] < max(3.2 * took[0], 0.5), took
+    assert took[1] < max(8.0 * took[0], 0.5), took
 
 
 def test_a_long_chain_of_calls_is_no_error(check):
