@@ -24,16 +24,18 @@ _BATCH: Final = 8  # schedules made at a time: independent of the number of proc
 _MOMENTS: Final = 9  # of a run, about, that are kept
 _APART: Final = 500  # control periods, which take as long as the copy of a process
 _KEPT_RUNS: Final = 10  # whose moments are kept; each is a process, which shares its memory with the others
-_NEAR_EVENT: Final = 0.7  # of the decisions
+_NEAR_NEW, _NEAR_DECISION, _NEAR_EVENT = 0.4, 0.2, 0.2  # of the decisions; the others are at any time
 _ADDED, _MOVED = 0.6, 0.25  # of the new schedules; in the others, a decision has other values, or is left out
-_OFFSETS: Final = (0, 0, 1, -1, 2, -2, 4, -4, 8, -8, 16, 32, 64)  # control periods from an event
+_BEFORE: Final = 0.2  # of those near a moment are before it
+_FARTHEST: Final = 6  # powers of two of control periods from a moment; near ones are as frequent as far ones
 
 
 @dataclass
 class Entry:
-    """A run. moments: copies of it by control period, from which other runs can go on."""
+    """A run. moments: copies of it by control period, from which other runs can go on. new: when it showed new things."""
 
     trail: Trail
+    new: list[int] = field(default_factory=list)
     moments: dict[int, Copied] = field(default_factory=dict)
     children: int = 0
 
@@ -131,7 +133,7 @@ class Runner:
                         continue
                     running.remove(job)
                     job.copy.close()
-                    results[job.number] = Entry(trail, job.moments)
+                    results[job.number] = Entry(trail, moments=job.moments)
         return [results[number] for number in range(len(schedules))]
 
     def _job(self, number: int, schedule: Schedule, keeping: bool) -> _Job:
@@ -188,8 +190,9 @@ class Search:
     def _learn(self, entry: Entry) -> None:
         trail = entry.trail
         self.refused.update(text.partition(":")[0] for text in trail.refused)
-        new = trail.features - self.features
-        self.features |= trail.features
+        new = trail.features.keys() - self.features
+        self.features |= new
+        entry.new = sorted({trail.features[feature] for feature in new})
         for name, margin in trail.margins.items():
             self._nearest[name] = min(margin, self._nearest.get(name, margin))
         for name in trail.broken:
@@ -205,7 +208,7 @@ class Search:
         left = number
         for _ in range(50 * number):
             parent = min(self._chance.sample(self._corpus, min(3, len(self._corpus))), key=lambda one: one.children)
-            schedule = self._changed(parent.trail)
+            schedule = self._changed(parent)
             if schedule in self._tried:
                 continue
             parent.children += 1
@@ -215,16 +218,18 @@ class Search:
             if not left:
                 return
 
-    def _changed(self, trail: Trail) -> Schedule:
-        schedule = list(trail.schedule)
+    def _changed(self, entry: Entry) -> Schedule:
+        schedule = list(entry.trail.schedule)
         what = self._chance.random()
         if not schedule or (what < _ADDED and len(schedule) < self._plan.at_most):
-            schedule.append(self._decision(trail))
+            schedule.append(self._decision(entry))
         else:
             place = self._chance.randrange(len(schedule))
             old = schedule[place]
             if what < _ADDED + _MOVED:
-                schedule[place] = replace(old, period=self._moment(trail, old.choice))
+                schedule[place] = replace(
+                    old, period=self._moment(entry, old.choice, [*schedule[:place], *schedule[place + 1 :]])
+                )
             elif len(schedule) == 1 or self._chance.random() < 0.5:
                 values = self._plan.choices[old.choice].draw(self._chance)
                 schedule[place] = replace(old, values=tuple(values.items()))
@@ -232,22 +237,35 @@ class Search:
                 del schedule[place]
         return tuple(sorted(schedule, key=lambda one: (one.period, one.choice)))
 
-    def _decision(self, trail: Trail) -> Decision:
+    def _decision(self, entry: Entry) -> Decision:
         names = list(self._plan.choices)
         name = min(self._chance.sample(names, min(2, len(names))), key=lambda one: self._chosen[one])
         self._chosen[name] += 1
         values = self._plan.choices[name].draw(self._chance)
-        return Decision(self._moment(trail, name), name, tuple(values.items()))
+        return Decision(self._moment(entry, name, entry.trail.schedule), name, tuple(values.items()))
 
-    def _moment(self, trail: Trail, name: str) -> int:
-        """A control period for a choice: near one in which something happened, or any."""
-        span = self._plan.choices[name].at
-        period_s = self._plan.lasts_s / trail.periods
+    def _moment(self, entry: Entry, name: str, others: Sequence[Decision]) -> int:
+        """A control period for a choice: near one in which something happened or another decision acts, or any."""
+        span, trail = self._plan.choices[name].at, entry.trail
+        period_s = self._plan.period_s
         first, last = round(span.low / period_s), min(round(span.high / period_s), trail.periods - 1)
-        if trail.events and self._chance.random() < _NEAR_EVENT:
-            near = self._chance.choice(trail.events) + self._chance.choice(_OFFSETS)
-            return max(first, min(near, last))
+        acts = [
+            one.period + round(delay_s / period_s)
+            for one in others
+            for delay_s, _, _ in self._plan.choices[one.choice].actions(dict(one.values))
+        ]
+        shares = (_NEAR_NEW, entry.new), (_NEAR_DECISION, acts), (_NEAR_EVENT, sorted({*trail.features.values()}))
+        what = self._chance.random()
+        for share, moments in shares:
+            what -= share
+            if what < 0.0 and moments:
+                near = self._chance.choice(moments) + self._offset()
+                return max(first, min(near, last))
         return self._chance.randint(first, max(first, last))
+
+    def _offset(self) -> int:
+        distance = int(2.0 ** self._chance.uniform(0.0, _FARTHEST)) - 1
+        return -distance if self._chance.random() < _BEFORE else distance
 
 
 @dataclass(frozen=True)
