@@ -20,10 +20,11 @@ from emulator.realtime import usable_cores
 from emulator.virtual import virtual_robot
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "explore"))
-from planted import Planted, planted  # noqa: E402
+from planted import Planted, planted
 
 SEEDS = (0, 1, 2)
-MOST_RUNS = 400
+MOST_RUNS = 250
+MENDED_RUNS = 100
 GRID_POINTS = 10  # of each range
 GRID_MOST = 10  # times the runs of the search, after which the grid has lost
 REPLAYS = 20
@@ -55,8 +56,8 @@ def measure() -> Table:
                 copied.append(len(schedules) * periods / (time.perf_counter() - began))
     return Table(
         "Explorations: speed",
-        f"Control periods of a UR3 per second, in a run of 3 s of a program with two threads; medians of {BLOCKS} runs. "
-        "A run of an exploration includes the start of the robot and of the program. The last row is all cores "
+        f"Control periods of a UR3 per second, in a run of 3 s of a program with two threads; medians of {BLOCKS} "
+        "runs. A run of an exploration includes the start of the robot and of the program. The last row is all cores "
         f"({usable_cores()} here) in real time, with the copies of processes; the others are CPU time.",
         ("", "periods per second"),
         [
@@ -69,43 +70,42 @@ def measure() -> Table:
 
 def measure_planted() -> Table:
     """The search and a grid over the same choices, for each planted fault."""
-    rows = [_row(one) for one in planted().values()]
     return Table(
         "Explorations: planted faults",
-        f"Runs until the fault is found: median of {len(SEEDS)} seeds, at most {MOST_RUNS}. Grid: {GRID_POINTS} values "
-        "of each range, as many choices as the simplest schedule found has, in random order (median of the same "
-        f"seeds); it is given up after {GRID_MOST} times the runs of the search. Same: how many of {REPLAYS} repetitions "
-        "break the property in the same control period. Mended: what is found, with the same number of runs, in the "
-        "program without the fault.",
+        f"Runs until the fault is found, at most {MOST_RUNS}: median of {len(SEEDS)} seeds, in steps of {BATCH}. Grid: "
+        f"{GRID_POINTS} values of each range, and as many choices as the simplest schedule has, in random order; it is "
+        f"given up after {GRID_MOST} times the runs of the search. Choices: of what is found with each seed, "
+        f"simplified, at most. Same: repetitions of {REPLAYS} that are the same. Mended: what {MENDED_RUNS} runs of the "
+        "program without the fault find.",
         ("fault", "search", "grid", "choices", "same", "mended"),
-        rows,
+        [_row(one) for one in planted().values()],
     )
 
 
 def _row(one: Planted) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         plan = read_plan(one.write(Path(folder)))
-        found, runs = [], []
-        for seed in SEEDS:
-            one_found, count = _search(plan, seed, MOST_RUNS)
-            found += one_found
-            runs.append(count if one_found else MOST_RUNS + 1)
-        if not found:
-            return [one.name, f"> {MOST_RUNS}", "", "", "", ""]
-        simplest = min(found, key=lambda it: len(it.trail.schedule))
-        size = max(len(it.trail.schedule) for it in found)
-        most = round(GRID_MOST * median(runs))
-        grid = median([_grid_runs(plan, len(simplest.trail.schedule), seed, most) for seed in SEEDS])
-        same = sum(Run(plan).finish(simplest.trail.schedule) == simplest.trail for _ in range(REPLAYS))
-        mended, _ = _search(read_plan(one.write(Path(folder), mended=True)), 0, MOST_RUNS)
-        return [
-            one.name,
-            f"{median(runs):.0f}",
-            f"{grid:.0f}" if grid <= most else f"> {most}",
-            str(size),
-            f"{same} of {REPLAYS}",
-            ", ".join(it.property for it in mended) or "nothing",
-        ]
+        answers = [_search(plan, seed, MOST_RUNS) for seed in SEEDS]
+        runs = median(count for _, count in answers)
+        trails = sorted((it.trail for found, _ in answers for it in found), key=lambda trail: len(trail.schedule))
+        if runs > MOST_RUNS or not trails:
+            row = [one.name, f"> {MOST_RUNS}", "", "", "", ""]
+        else:
+            most = round(GRID_MOST * runs)
+            grid = _grid_runs(plan, len(trails[0].schedule), SEEDS[0], most)
+            same = sum(Run(plan).finish(trails[0].schedule) == trails[0] for _ in range(REPLAYS))
+            mended, _ = _search(read_plan(one.write(Path(folder), mended=True)), SEEDS[0], MENDED_RUNS)
+            row = [
+                one.name,
+                f"{runs:.0f}",
+                str(grid) if grid <= most else f"> {most}",
+                str(len(trails[-1].schedule)),
+                f"{same} of {REPLAYS}",
+                ", ".join(it.property for it in mended) or "nothing",
+            ]
+    sys.stdout.write(f"{row}\n")
+    sys.stdout.flush()
+    return row
 
 
 def _search(plan: Plan, seed: int, most: int) -> tuple[list[Found], int]:
@@ -122,7 +122,7 @@ def _grid_runs(plan: Plan, size: int, seed: int, most: int) -> int:
         [axis for name in names for axis in _axes(plan.choices[name])]
         for names in combinations_with_replacement(plan.choices, size)
     ]
-    sizes = [prod(map(len, one)) for one in axes]
+    sizes = [prod(len(axis) for axis in one) for one in axes]
     numbers = Random(seed).sample(range(sum(sizes)), min(most, sum(sizes)))
     with Runner(plan, usable_cores()) as runner:
         for first in range(0, len(numbers), BATCH):
@@ -148,12 +148,13 @@ def _points(domain: Domain) -> list[Any]:
 
 def _schedule(plan: Plan, size: int, axes: list[list[list[Any]]], sizes: list[int], number: int) -> Schedule:
     """The schedule of a number in the grid."""
-    for names, one, length in zip(combinations_with_replacement(plan.choices, size), axes, sizes, strict=True):
-        if number < length:
-            break
-        number -= length
+    place = 0
+    while number >= sizes[place]:
+        number -= sizes[place]
+        place += 1
+    names = list(combinations_with_replacement(plan.choices, size))[place]
     values = []
-    for axis in one:
+    for axis in axes[place]:
         number, place = divmod(number, len(axis))
         values.append(axis[place])
     decisions = []
