@@ -19,8 +19,8 @@ from emulator.explore.search import Found, Runner, explored
 from emulator.realtime import usable_cores
 from emulator.virtual import virtual_robot
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "explore"))
-from planted import Planted, planted
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.explore.planted import Planted, planted
 
 SEEDS = (0, 1, 2)
 MOST_RUNS = 250
@@ -73,10 +73,10 @@ def measure_planted() -> Table:
     return Table(
         "Explorations: planted faults",
         f"Runs until the fault is found, at most {MOST_RUNS}: median of {len(SEEDS)} seeds, in steps of {BATCH}. Grid: "
-        f"{GRID_POINTS} values of each range, and as many choices as the simplest schedule has, in random order; it is "
+        f"{GRID_POINTS} values of each range, as many choices as the simplest schedule has, in random order; it is "
         f"given up after {GRID_MOST} times the runs of the search. Choices: of what is found with each seed, "
-        f"simplified, at most. Same: repetitions of {REPLAYS} that are the same. Mended: what {MENDED_RUNS} runs of the "
-        "program without the fault find.",
+        f"simplified, at most. Same: repetitions of {REPLAYS} that are the same. Mended: what {MENDED_RUNS} runs of "
+        "the program without the fault find.",
         ("fault", "search", "grid", "choices", "same", "mended"),
         [_row(one) for one in planted().values()],
     )

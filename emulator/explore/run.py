@@ -156,7 +156,11 @@ class Run:
                 _, _, name, kind, values = heapq.heappop(self._agenda)
                 self._act(name, kind, values)
             self._view.actions_left = len(self._agenda)
+            now = self.periods
             self.robot.step(1)
+            if self.periods == now:  # the controller is off, or a new one is on
+                self.periods += 1
+                self._watch()
 
     def finish(self, schedule: Schedule, known: int = 0) -> Trail:
         """Go on to the end, with those decisions of a schedule that were not made yet: from number ``known`` on."""
