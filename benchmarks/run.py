@@ -62,6 +62,8 @@ MEASUREMENTS: Final = (
     "urscript_speed.measure_compiling",
     "urscript_speed.measure",
     "campaign.measure",
+    "explore.measure",
+    "explore.measure_planted",
 )
 """Modules of this folder and the functions in them that measure a table, in the order of the page."""
 _SECTION: Final = re.compile(r"^<!-- ([\w.]+) -->\n(.*?)(?=^<!-- [\w.]+ -->\n|\Z)", re.MULTILINE | re.DOTALL)

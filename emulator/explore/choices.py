@@ -22,6 +22,7 @@ from emulator.explore.disturbances import PeerDisturbance, address_of
 from urproto.text import number, unknown
 
 _RANGE: Final = re.compile(r"\s*(-?[0-9.]+(?:e-?[0-9]+)?)\s*\.\.\s*(-?[0-9.]+(?:e-?[0-9]+)?)\s*")
+_WHOLE: Final = re.compile("-?[0-9]+")
 _VERBS: Final = verbs_of(subject for subject in Control.SUBJECTS if subject.changes)
 _SHORT: Final = {"fault": "inject_fault", "dashboard": "dashboard"}
 _FEW: Final = 0.3  # of values are an end of their range
@@ -110,7 +111,7 @@ def domain_of(value: Any) -> Domain:
     if isinstance(value, list):
         if not value:
             raise PlanError("an empty list leaves nothing to choose")
-        return OneOf(value)
+        return OneOf([tuple(one) if isinstance(one, list) else one for one in value])  # schedules are hashed
     match = _RANGE.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         return Fixed(value)
@@ -120,7 +121,7 @@ def domain_of(value: Any) -> Domain:
         raise PlanError(f"{value!r} is not a range: {error}") from error
     if low > high:
         raise PlanError(f"{value!r}: a range is LOW..HIGH")
-    return Span(low, high, isinstance(low, int) and isinstance(high, int))
+    return Span(low, high, bool(_WHOLE.fullmatch(match[1]) and _WHOLE.fullmatch(match[2])))
 
 
 class Kind(Protocol):

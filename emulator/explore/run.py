@@ -5,7 +5,7 @@ import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Final
+from typing import Any, Final
 
 from emulator.builtins.host import ProgramHost
 from emulator.control.conditions import Read
@@ -27,7 +27,7 @@ from urscript.runtime import ScriptThread
 
 _STOPPING: Final = frozenset({"protective_stop", "press_emergency_stop", "open_safeguard", "trip_safety", "power_off"})
 _WAITING_S: Final = 0.5  # without a statement, with the arm at rest
-_MOST_EVENTS: Final = 400
+_FEW: Final = 4  # up to which values of variables differ, beyond it their powers of two
 _MARGIN_STEPS: Final = 4  # for each power of ten
 
 Feature = Hashable
@@ -35,11 +35,10 @@ Feature = Hashable
 
 @dataclass(frozen=True)
 class Trail:
-    """What a run was like. broken: properties with the reason. events: periods in which something new happened."""
+    """What a run was like. features: what happened, and in which period first. broken: properties with the reason."""
 
     schedule: Schedule
-    features: frozenset[Feature]
-    events: tuple[int, ...]
+    features: dict[Feature, int]
     broken: dict[str, str]
     margins: dict[str, float]
     periods: int
@@ -104,8 +103,8 @@ class Run:
         try:
             self.robot = virtual_robot(plan.model, running=True, checked=checked, **plan.options)
             self._file = ScriptFile.read(str(plan.program))
-            if plan.peers is not None:
-                self.robot.connect(read_peers(plan.peers))
+            if plan.peers is not None:  # the recorder comes outside the disturbances
+                read_peers(plan.peers).attach(self.robot.controller, NoNetwork())
         except (ValueError, TypeError, NotPossible, PeersError) as error:
             raise PlanError(str(error)) from error
         except OSError as error:
@@ -121,10 +120,11 @@ class Run:
         self._view = _View(self.robot)
         self._monitors: dict[str, Monitor] = {one.name: one.monitor(self._view.read) for one in plan.properties}
         self._seen: Controller | None = None
-        self._features: set[Feature] = set()
-        self._events: list[int] = []
+        self._features: dict[Feature, int] = {}
         self._modes: Feature = None
         self._lines: dict[str, int] = {}
+        self._variables: dict[str, Any] = {}
+        self._nearest: dict[str, int] = {}  # when the margins of properties were least
         self._agenda: list[tuple[int, int, str, Kind, Values]] = []
         self._order = count()
         self._refused: list[str] = []
@@ -156,7 +156,11 @@ class Run:
                 _, _, name, kind, values = heapq.heappop(self._agenda)
                 self._act(name, kind, values)
             self._view.actions_left = len(self._agenda)
+            now = self.periods
             self.robot.step(1)
+            if self.periods == now:  # the controller is off, or a new one is on
+                self.periods += 1
+                self._watch()
 
     def finish(self, schedule: Schedule, known: int = 0) -> Trail:
         """Go on to the end, with those decisions of a schedule that were not made yet: from number ``known`` on."""
@@ -168,8 +172,7 @@ class Run:
             self._add_margin(name, monitor)
         return Trail(
             schedule,
-            frozenset(self._features),
-            tuple(self._events),
+            self._features,
             {name: monitor.broken for name, monitor in self._monitors.items() if monitor.broken},
             {name: monitor.margin for name, monitor in self._monitors.items()},
             self.periods,
@@ -188,7 +191,6 @@ class Run:
             return
         if isinstance(kind, CallVerb) and kind.name in _STOPPING:
             self._view.wanted_stop = True
-        self._new(("choice", name))
 
     def _watch(self) -> None:
         controller = self.robot.controller
@@ -214,10 +216,17 @@ class Run:
                 self._new(("key", message.title, message.text))
         self._new(("outputs", snapshot.actual_digital_output_bits))
         time_s = self._time_s
-        for monitor in self._monitors.values():
+        for name, monitor in self._monitors.items():
+            before = monitor.margin
             monitor.look(snapshot, time_s)
+            if monitor.margin < before:
+                self._nearest[name] = self.periods
             if monitor.broken:
                 self._broken = True
+        for name, value in self.robot.controller.programs.variables.items():
+            if value is not self._variables.get(name) and isinstance(value, int):
+                self._variables[name] = value
+                self._new(("variable", name, value if abs(value) <= _FEW else math.copysign(value.bit_length(), value)))
 
     def _statement(self, host: ProgramHost, line: int, column: int, thread: ScriptThread) -> bool:
         self._view.last_statement = self.robot.controller.step_count
@@ -226,11 +235,9 @@ class Run:
         return False
 
     def _new(self, feature: Feature) -> None:
-        if feature not in self._features:
-            self._features.add(feature)
-            if len(self._events) < _MOST_EVENTS and (not self._events or self._events[-1] != self.periods):
-                self._events.append(self.periods)
+        self._features.setdefault(feature, self.periods)
 
     def _add_margin(self, name: str, monitor: Monitor) -> None:
         if 0.0 < monitor.margin < math.inf:
-            self._features.add(("margin", name, math.ceil(_MARGIN_STEPS * math.log10(monitor.margin))))
+            step = math.ceil(_MARGIN_STEPS * math.log10(monitor.margin))
+            self._features["margin", name, step] = self._nearest.get(name, self.periods)

@@ -24,16 +24,20 @@ _BATCH: Final = 8  # schedules made at a time: independent of the number of proc
 _MOMENTS: Final = 9  # of a run, about, that are kept
 _APART: Final = 500  # control periods, which take as long as the copy of a process
 _KEPT_RUNS: Final = 10  # whose moments are kept; each is a process, which shares its memory with the others
-_NEAR_EVENT: Final = 0.7  # of the decisions
+_NEAR_NEW, _NEAR_DECISION, _NEAR_EVENT = 0.4, 0.2, 0.2  # of the decisions; the others are at any time
+_RICH: Final = 0.5  # of the new schedules are made from the richest run that shows something, by chance
+_DELAYED: Final = 0.5  # of those to which a decision is added
 _ADDED, _MOVED = 0.6, 0.25  # of the new schedules; in the others, a decision has other values, or is left out
-_OFFSETS: Final = (0, 0, 1, -1, 2, -2, 4, -4, 8, -8, 16, 32, 64)  # control periods from an event
+_BEFORE: Final = 0.2  # of those near a moment are before it
+_FARTHEST: Final = 6  # powers of two of control periods from a moment; near ones are as frequent as far ones
 
 
 @dataclass
 class Entry:
-    """A run. moments: copies of it by control period, from which other runs can go on."""
+    """A run. new: periods in which it showed new things. moments: copies of it by period, from which runs can go on."""
 
     trail: Trail
+    new: list[int] = field(default_factory=list)
     moments: dict[int, Copied] = field(default_factory=dict)
     children: int = 0
 
@@ -131,7 +135,7 @@ class Runner:
                         continue
                     running.remove(job)
                     job.copy.close()
-                    results[job.number] = Entry(trail, job.moments)
+                    results[job.number] = Entry(trail, moments=job.moments)
         return [results[number] for number in range(len(schedules))]
 
     def _job(self, number: int, schedule: Schedule, keeping: bool) -> _Job:
@@ -158,6 +162,7 @@ class Search:
         self._runner = runner
         self._chance = Random(f"explore {seed}")
         self._corpus: list[Entry] = []
+        self._richest: dict[Feature, Entry] = {}  # the run with most features that has this one
         self._tried: set[Schedule] = set()
         self._nearest: dict[str, float] = {}
         self._chosen: Counter[str] = Counter()
@@ -188,14 +193,19 @@ class Search:
     def _learn(self, entry: Entry) -> None:
         trail = entry.trail
         self.refused.update(text.partition(":")[0] for text in trail.refused)
-        new = trail.features - self.features
-        self.features |= trail.features
+        new = trail.features.keys() - self.features
+        self.features |= new
+        entry.new = sorted({trail.features[feature] for feature in new})
         for name, margin in trail.margins.items():
             self._nearest[name] = min(margin, self._nearest.get(name, margin))
         for name in trail.broken:
             self.broken.setdefault(name, trail)
         if (new and not trail.broken) or not self._corpus:
             self._corpus.append(entry)
+            for feature in trail.features:
+                richest = self._richest.setdefault(feature, entry)
+                if len(trail.features) > len(richest.trail.features):
+                    self._richest[feature] = entry
             self._runner.keep(entry)
         else:
             entry.close()
@@ -204,8 +214,8 @@ class Search:
         """New schedules; fewer if nothing new is found in many attempts."""
         left = number
         for _ in range(50 * number):
-            parent = min(self._chance.sample(self._corpus, min(3, len(self._corpus))), key=lambda one: one.children)
-            schedule = self._changed(parent.trail)
+            parent = self._parent()
+            schedule = self._changed(parent)
             if schedule in self._tried:
                 continue
             parent.children += 1
@@ -215,39 +225,69 @@ class Search:
             if not left:
                 return
 
-    def _changed(self, trail: Trail) -> Schedule:
-        schedule = list(trail.schedule)
+    def _parent(self) -> Entry:
+        entries = list(self._richest.values()) if self._chance.random() < _RICH else self._corpus
+        return min(self._chance.sample(entries, min(3, len(entries))), key=lambda one: one.children)
+
+    def _changed(self, entry: Entry) -> Schedule:
+        schedule = list(entry.trail.schedule)
         what = self._chance.random()
         if not schedule or (what < _ADDED and len(schedule) < self._plan.at_most):
-            schedule.append(self._decision(trail))
+            by = self._delay(schedule)
+            schedule = [replace(one, period=one.period + by) for one in schedule]
+            schedule.append(self._decision(entry, schedule, by))
         else:
             place = self._chance.randrange(len(schedule))
-            old = schedule[place]
+            old = schedule.pop(place)
             if what < _ADDED + _MOVED:
-                schedule[place] = replace(old, period=self._moment(trail, old.choice))
-            elif len(schedule) == 1 or self._chance.random() < 0.5:
+                schedule.append(replace(old, period=self._moment(entry, old.choice, schedule)))
+            elif not schedule or self._chance.random() < 0.5:
                 values = self._plan.choices[old.choice].draw(self._chance)
-                schedule[place] = replace(old, values=tuple(values.items()))
-            else:
-                del schedule[place]
+                schedule.append(replace(old, values=tuple(values.items())))
         return tuple(sorted(schedule, key=lambda one: (one.period, one.choice)))
 
-    def _decision(self, trail: Trail) -> Decision:
+    def _delay(self, schedule: Sequence[Decision]) -> int:
+        """By how many periods all decisions happen later, so that there is a time for others before and after them."""
+        if not schedule or self._chance.random() >= _DELAYED:
+            return 0
+        bounds = [(one.period, *self._bounds(one.choice)) for one in schedule]
+        return self._chance.randint(max(low - at for at, low, _ in bounds), min(high - at for at, _, high in bounds))
+
+    def _bounds(self, name: str) -> tuple[int, int]:
+        """The first and last control period for a choice."""
+        span, period_s = self._plan.choices[name].at, self._plan.period_s
+        last = min(round(span.high / period_s), round(self._plan.lasts_s / period_s) - 1)
+        return min(round(span.low / period_s), last), last
+
+    def _decision(self, entry: Entry, others: Sequence[Decision], by: int) -> Decision:
         names = list(self._plan.choices)
         name = min(self._chance.sample(names, min(2, len(names))), key=lambda one: self._chosen[one])
         self._chosen[name] += 1
         values = self._plan.choices[name].draw(self._chance)
-        return Decision(self._moment(trail, name), name, tuple(values.items()))
+        return Decision(self._moment(entry, name, others, by), name, tuple(values.items()))
 
-    def _moment(self, trail: Trail, name: str) -> int:
-        """A control period for a choice: near one in which something happened, or any."""
-        span = self._plan.choices[name].at
-        period_s = self._plan.lasts_s / trail.periods
-        first, last = round(span.low / period_s), min(round(span.high / period_s), trail.periods - 1)
-        if trail.events and self._chance.random() < _NEAR_EVENT:
-            near = self._chance.choice(trail.events) + self._chance.choice(_OFFSETS)
-            return max(first, min(near, last))
-        return self._chance.randint(first, max(first, last))
+    def _moment(self, entry: Entry, name: str, others: Sequence[Decision], by: int = 0) -> int:
+        """A control period for a choice: near one in which something happened or another decision acts, or any.
+
+        by: how many periods later than in the entry the others are.
+        """
+        first, last = self._bounds(name)
+        acts = [
+            one.period + round(delay_s / self._plan.period_s)
+            for one in others
+            for delay_s, _, _ in self._plan.choices[one.choice].actions(dict(one.values))
+        ]
+        new, events = [period + by for period in entry.new], sorted({*entry.trail.features.values()})
+        what = self._chance.random()
+        for share, moments in (_NEAR_NEW, new), (_NEAR_DECISION, acts), (_NEAR_EVENT, events):
+            what -= share
+            if what < 0.0 and moments:
+                return max(first, min(self._chance.choice(moments) + self._offset(), last))
+        return self._chance.randint(first, last)
+
+    def _offset(self) -> int:
+        distance = int(2.0 ** self._chance.uniform(0.0, _FARTHEST)) - 1
+        return -distance if self._chance.random() < _BEFORE else distance
 
 
 @dataclass(frozen=True)

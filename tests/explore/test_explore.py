@@ -66,14 +66,15 @@ PLAN = {
 def plan_file(tmp_path):
     (tmp_path / "cell.script").write_text(PROGRAM)
     file = tmp_path / "plan.yaml"
-    file.write_text(yaml.safe_dump(PLAN))
+    file.write_text(yaml.safe_dump(PLAN, sort_keys=False))
     return file
 
 
-def found_with(plan_file, workers, seed=1, runs=150):
-    plan = read_plan(plan_file)
+def found_with(plan_file, workers, seed=3, runs=150):
+    """What is found first, with the plan, the features seen, and the number of runs."""
+    plan, told = read_plan(plan_file), []
     with Runner(plan, workers) as runner:
-        found, seen = explored(plan, runner, seed, lambda: runner.runs >= runs)
+        found, seen = explored(plan, runner, seed, lambda: bool(told) or runner.runs >= runs, told.append)
         return plan, found, seen.features, runner.runs
 
 
@@ -102,12 +103,12 @@ def test_what_is_found_is_simple_replays_and_is_a_test(plan_file, tmp_path):
 
 
 def test_the_same_seed_finds_the_same_with_any_number_of_processes_and_without_copies(plan_file, monkeypatch):
-    one = found_with(plan_file, 1, runs=24)
-    two = found_with(plan_file, 3, runs=24)
+    one = found_with(plan_file, 1, runs=16)
+    two = found_with(plan_file, 3, runs=16)
     assert one[1:] == two[1:]
     monkeypatch.setattr(search, "can_branch", lambda: False)
-    assert found_with(plan_file, 1, runs=24)[1:] == one[1:]
-    assert found_with(plan_file, 2, seed=2, runs=24)[2:] != one[2:]
+    assert found_with(plan_file, 1, runs=16)[1:] == one[1:]
+    assert found_with(plan_file, 2, seed=0, runs=16)[2:] != one[2:]
 
 
 @pytest.mark.skipif(not branches.can_branch(), reason="the system cannot copy processes")
@@ -143,12 +144,40 @@ def test_the_fixture(plan_file, pytester, tmp_path):
     pytester.makepyfile(
         f"""
         def test_cell(ur_explore):
-            ur_explore({str(plan_file)!r}, runs=60, seed=1)
+            ur_explore({str(plan_file)!r}, runs=17, seed=3)
         """
     )
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*released is broken:*", "*door: set_digital_input(index=1, level=True)*"])
+
+
+PEERS = {"sockets": {"h:1": {"answers": {"ask": "1\n"}, "delay": 0.1}}}
+ASKING = """def cell():
+  socket_open("h", 1)
+  socket_send_line("ask")
+  set_standard_digital_out(0, socket_read_line("socket_0", 0) == "1")
+end
+"""
+
+
+@pytest.mark.parametrize(
+    ("choice", "values", "answer"),
+    [
+        ({"peer": "h:1", "late": 1}, {"late": 1}, True),
+        ({"peer": "h:1", "silent": True}, {"silent": True}, False),
+        ({"fault": "power_loss", "lasting": 0.5}, {"lasting": 0.5, "kind": "power_loss"}, False),
+        ({"verb": "push_tool", "wrench": [[0, 0, 9, 0, 0, 0]]}, {"wrench": (0, 0, 9, 0, 0, 0)}, True),
+    ],
+)
+def test_what_choices_do(choice, values, answer, tmp_path):
+    (tmp_path / "cell.script").write_text(ASKING)
+    (tmp_path / "peers.yaml").write_text(yaml.safe_dump(PEERS))
+    answers = {"answers": {"eventually": "output.0 == true", "within": 2}}
+    plan = plan_of({**PLAN, "peers": "peers.yaml", "choices": {"it": choice}, "properties": answers}, tmp_path)
+    trail = Run(plan).finish((Decision(2, "it", tuple(values.items())),))
+    assert not trail.refused
+    assert (trail.broken == {}) is answer
 
 
 def test_an_explanation_is_empty_if_nothing_is_broken(plan_file, tmp_path):
@@ -203,7 +232,8 @@ def test_a_plan_file_that_is_not_there_or_names_one_that_is_not(tmp_path):
 
 def test_domains():
     chance = Random(1)
-    assert domain_of("0..3").draw(chance) in range(4)
+    assert {repr(domain_of("0..3").draw(chance)) for _ in range(50)} == {"0", "1", "2", "3"}
+    assert domain_of([[1, 2]]).draw(chance) == (1, 2)
     assert 0.01 <= domain_of("0.01..2").draw(chance) <= 2
     assert domain_of("p[1..2]").draw(chance) == "p[1..2]"
     assert domain_of([3, 4]).draw(chance) in (3, 4)

@@ -121,6 +121,7 @@ def ur_robot(
 def ur_explore(ur_seed: int) -> Callable[..., None]:
     """A function that explores a plan (a YAML file) for a number of runs, and fails with what breaks a property."""
     __tracebackhide__ = True
+    from urproto.testing import virtual_robot as _  # noqa: F401 now that the package is known to be this one
 
     def explore(plan: str | Path, runs: int = 100, seed: int | None = None) -> None:
         __tracebackhide__ = True
