@@ -128,7 +128,7 @@ class Adapter:
             else:
                 body = answer(arguments)
         except (RequestError, ValueError, OSError, NotPossible, KeyError, TypeError) as error:
-            text = f"{type(error).__name__}: {error}" if isinstance(error, KeyError | TypeError) else str(error)
+            text = f"the request {command} lacks {error}" if isinstance(error, KeyError) else str(error)
             self._send("response", {**reply, "success": False, "message": text})
             return
         self._send("response", {**reply, "success": True, "body": body or {}})

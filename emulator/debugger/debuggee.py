@@ -8,7 +8,7 @@ import ast
 import re
 import sys
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from types import CodeType, FrameType, GeneratorType
 from typing import Any, Final, NamedTuple
@@ -29,6 +29,7 @@ _SHOWN: Final = (
     *("actual_q", "actual_TCP_pose", "robot_mode", "safety_mode"),
     *("actual_digital_input_bits", "actual_digital_output_bits"),
 )
+_ANY: Final = -1  # thread
 _VARIABLE: Final = "v_"
 _FUNCTION: Final = "f_"
 # what an expression may consist of: those of URScript have the same meaning in Python
@@ -42,12 +43,16 @@ _PIECE: Final = re.compile(r"p\d+_")  # see `urscript.pieces.piece_name`
 
 
 class Stop(NamedTuple):
-    """Why the program stands still. number: of the statement that comes next. reason: "" if only a slice is over."""
+    """Why the program stands still. number: of the statement that comes next. reason: "" if only a slice is over.
+
+    depth: of the calls of functions, from 1.
+    """
 
     reason: str
     number: int
     thread: int
     line: int
+    depth: int = 1
     text: str = ""
     output: tuple[str, ...] = ()
 
@@ -126,10 +131,12 @@ class Debuggee:
                 reason = "exception" if "exception" in problem else "protective stop"
                 if reason in self._stop_on and self._wish.mode != "to":
                     line = 0 if self._runtime is None else self._runtime.line + self._offset
-                    self._pause(Stop(reason, self._number, 0, line, problem))
+                    self._pause(Stop(reason, self._number, 0, line, text=problem))
             if not self._robot.controller.programs.busy:
-                return self._said(Stop("ended", self._number, -1, 0, "" if self._number else self._robot.log(1)[0]))
-        return self._said(Stop("", self._number, -1, 0))
+                return self._said(
+                    Stop("ended", self._number, _ANY, 0, text="" if self._number else self._robot.log(1)[0])
+                )
+        return self._said(Stop("", self._number, _ANY, 0))
 
     def set_breakpoints(self, lines: list[Breakpoint], functions: list[str], stop_on: list[str]) -> None:
         """Replace all breakpoints."""
@@ -170,9 +177,22 @@ class Debuggee:
         runtime.set_global(name, value)
         return str(value)
 
-    def history(self) -> "tuple[array[int], array[int], array[int]]":
-        """Thread, depth of calls, and line of each statement so far, by its number."""
-        return self._threads, self._depths, self._lines
+    def statement(self, number: int) -> Stop:
+        """A statement so far, by its number."""
+        return Stop("", number, self._threads[number], self._lines[number], self._depths[number])
+
+    def earlier(self, stop: Stop, lines: Collection[int]) -> Stop | None:
+        """The last statement before a stop that is on one of these lines; without any, the one before of its thread,
+        which is not within a function that it has called.
+        """
+        for number in range(min(stop.number, len(self._lines)) - 1, -1, -1):
+            if lines:
+                found = self._lines[number] in lines
+            else:
+                found = stop.thread in (self._threads[number], _ANY) and self._depths[number] <= stop.depth
+            if found:
+                return self.statement(number)
+        return None
 
     @property
     def checksum(self) -> str:
@@ -193,7 +213,7 @@ class Debuggee:
         self._lines.append(place)
         if reason := self._reason(thread.id, depth, place, frames):
             self._frames = frames
-            self._pause(Stop(reason, self._number, thread.id, place))
+            self._pause(Stop(reason, self._number, thread.id, place, depth))
             self._frames = []
         self._number += 1
         return False

@@ -52,10 +52,9 @@ class Traveller:
     def go(self, mode: str) -> Iterator[Stop]:
         """Go on until the program stops; yields a stop without a reason whenever there is output, or time to look."""
         began = self.stop
-        depth = self._depth(began.number)
         while True:
             wanted = "pause" if self._interrupted() else mode
-            self.stop = self._now.ask("go", wanted, _SLICE, began.thread, depth)
+            self.stop = self._now.ask("go", wanted, _SLICE, began.thread, began.depth)
             if self.stop.reason != "ended":
                 self._keep()
             yield self.stop
@@ -64,34 +63,28 @@ class Traveller:
 
     def back(self, mode: str) -> Stop:
         """Go back: by one statement of the thread, not into functions (over), or to a breakpoint (continue)."""
-        threads, depths, lines = self._now.ask("history")
-        here, thread = self.stop.number, self.stop.thread
-        depth = depths[here] if here < len(depths) else 1
-        wanted = {one.line: one for one in self._breakpoints[0] if not one.log}
-        for number in range(min(here, len(lines)) - 1, -1, -1):
-            if mode == "over" and thread in (threads[number], -1) and depths[number] <= depth:
-                return self._to(number, "step")
-            if mode == "continue" and lines[number] in wanted:
-                stop = self._to(number, "breakpoint")
-                condition = wanted[stop.line].condition
-                if not condition or self.ask("evaluate", condition, stop.thread, 0) not in ("False", "0", "0.0"):
-                    return stop
-        return self._to(0, "entry")
+        wanted = {one.line: one for one in self._breakpoints[0] if not one.log} if mode == "continue" else {}
+        if mode == "continue" and not wanted:
+            return self._to(self._now.ask("statement", 0), "entry")
+        place = self.stop
+        while (found := self._now.ask("earlier", place, set(wanted))) is not None:
+            if not wanted:
+                return self._to(found, "step")
+            place = self._to(found, "breakpoint")
+            condition = wanted[place.line].condition
+            if not condition or self.ask("evaluate", condition, place.thread, 0) not in ("False", "0", "0.0"):
+                return place
+        return self._to(self._now.ask("statement", 0), "entry")
 
-    def _depth(self, number: int) -> int:
-        _, depths, _ = self._now.ask("history")
-        return depths[number] if 0 <= number < len(depths) else 0
-
-    def _to(self, number: int, reason: str) -> Stop:
-        """Be at the moment before a statement."""
-        threads, _, lines = self._now.ask("history")
-        origin = max(known for known in self._moments if known <= number)
+    def _to(self, place: Stop, reason: str) -> Stop:
+        """Be at the moment before an earlier statement."""
+        origin = max(known for known in self._moments if known <= place.number)
         copy, standing = self._moments[origin]
         self._now.close()
         self._now = copy.copy()
-        if not (standing and origin == number):
-            self._now.ask("go", "to", _FOREVER, -1, 0, number)
-        self.stop = Stop(reason, number, threads[number], lines[number])
+        if not (standing and origin == place.number):
+            self._now.ask("go", "to", _FOREVER, -1, 0, place.number)
+        self.stop = place._replace(reason=reason)
         self._now.ask("set_breakpoints", *self._breakpoints)
         return self.stop
 
