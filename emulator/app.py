@@ -25,9 +25,9 @@ from emulator.devices.tool_line import SerialDevice
 from emulator.faults.catalogue import describe
 from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
-from emulator.journal.file import JournalError, JournalWriter, MemorySink
+from emulator.journal.file import JournalWriter, MemorySink
 from emulator.journal.recorder import Recorder, header_of
-from emulator.journal.replay import Replay
+from emulator.journal.replay import Replay, executed
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
@@ -48,7 +48,6 @@ from emulator.servers.send_scheduler import STATES_PER_SECOND, SendScheduler
 from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device
 from emulator.snapshot import Snapshot
 from urproto.compat import Self
-from urproto.controlapi import BadArguments, NotPossible
 from urproto.dashboard import AVAILABLE as DASHBOARD
 from urproto.durable import growing
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
@@ -126,8 +125,6 @@ class Emulator:
         async with AsyncExitStack() as starting:
             if self._recorder is None:
                 self._record(starting)
-            else:
-                self.control.on_call = self._recorder.called
             starting.callback(self._end_journal)
             if self.config.tool_device is not None:
                 self._line, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
@@ -176,18 +173,15 @@ class Emulator:
             file = starting.enter_context(growing(path))
             self._recorder = Recorder(JournalWriter(file, background=True), header)
         self._recorder.attach(self.controller)
-        self.control.on_call = self._recorder.called
 
     def _go_on_from(self, journal: bytes) -> Waiting[None]:
         """Restart as the robot at the end of a journal. Raises BadArguments, NotPossible."""
-        executing = asyncio.get_running_loop().run_in_executor(None, _executed, journal)
+        executing = asyncio.get_running_loop().run_in_executor(None, executed, journal)
         while not executing.done():
             yield
         self._successor = executing.result()
         self._power.off(silent=False)
-        yield
-        self._power.on(0.0)
-        while self._successor is not None:
+        while self._successor is not None or self._power.is_off:
             yield
 
     def _journal(self) -> bytes:
@@ -196,7 +190,7 @@ class Emulator:
     def _end_journal(self) -> None:
         if self._recorder is not None:
             self._recorder.close()
-            self.controller.recorder = self.control.on_call = None
+            self.controller.recorder = None
 
     # servers and connections of the controller
 
@@ -290,7 +284,8 @@ class Emulator:
                 connection.reset()
         before.programs.stop("the controller was off")
         await self._stop_services()
-        if (replay := self._successor) is not None:
+        replay, self._successor = self._successor, None
+        if replay is not None:
             self._become(replay)
         else:
             self.controller = rebooted(before, self._power.boot_s, self._power.periods_off * before.period_s)
@@ -303,14 +298,12 @@ class Emulator:
             self._control_server.follow(self.controller)
         if replay is None:
             self.faults.controller_back(self.controller)
-        self._successor = None
 
     def _become(self, replay: Replay) -> None:
         self._end_journal()
         self.controller, self._recorder = replay.leave(self), replay.recorder
         self.faults.take_over(replay.faults)
-        if self._recorder is not None:
-            self.control.on_call = self._recorder.called
+        self._power.on(0.0)
 
     async def _retry_start_services(self, ports: Mapping[str, int]) -> None:
         """Keep trying while another program uses one of the ports."""
@@ -349,20 +342,8 @@ class Emulator:
         self.faults.step()
         if self._control_server is not None:
             self._control_server.publish(self.controller.snapshot)
-        if self._power.requested:
+        if self._power.requested or self._successor is not None:
             self._power.start_reboot(self._reboot)
-
-
-def _executed(journal: bytes) -> Replay:
-    """Raises BadArguments, NotPossible."""
-    try:
-        replay = Replay(journal, again=MemorySink())
-        replay.run()
-    except JournalError as error:
-        raise BadArguments(str(error)) from error
-    if replay.difference is not None:
-        raise NotPossible(f"the run cannot be repeated: {replay.difference}; {replay.advice}")
-    return replay
 
 
 class PowerSwitch:

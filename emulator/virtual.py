@@ -14,9 +14,9 @@ from emulator.controller import Controller
 from emulator.faults.catalogue import describe, parse_fault
 from emulator.faults.fault import publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
-from emulator.journal.file import JournalError, MemorySink
+from emulator.journal.file import MemorySink
 from emulator.journal.recorder import record
-from emulator.journal.replay import Replay
+from emulator.journal.replay import Replay, executed
 from emulator.machine import ControllerConfig
 from emulator.options import CONTROLLER_OPTIONS, ROBOT_OPTIONS
 from emulator.peers.connection import Peers
@@ -162,18 +162,11 @@ class VirtualRobot(Control):
 
     def _go_on_from(self, journal: bytes, periods: int | None = None) -> Waiting[None]:
         """Go on from a moment of a run: its end, or after a number of periods. Raises NotPossible, BadArguments."""
-        try:
-            with Replay(journal, again=MemorySink(), checked=False) as replay:
-                replay.run(None if periods is None else lambda _: replay.periods >= periods)
-                if replay.difference is not None:
-                    raise NotPossible(f"the run cannot be repeated: {replay.difference}; {replay.advice}")
-                if periods not in (None, replay.periods):
-                    raise NotPossible("the controller was switched off at that moment")
-                self._machine.become(replay, self)
-        except JournalError as error:
-            raise BadArguments(str(error)) from error
-        if (recorder := self.controller.recorder) is not None:
-            self.on_call = recorder.called
+        until = None if periods is None else lambda replay: replay.periods >= periods
+        with executed(journal, until, checked=False) as replay:
+            if periods not in (None, replay.periods):
+                raise NotPossible("the controller was switched off at that moment")
+            self._machine.become(replay, self)
         yield from ()
 
 

@@ -145,10 +145,9 @@ else:
 
 
 class Control(VerbMethods):
-    """The verbs of a robot, each as a method. ``pace``: controls how its time advances.
+    """The verbs of a robot, each as a method; what records its controller records those that may change it.
 
-    ``on_call``: if set, called with the name, the arguments and the call of each verb that may change the robot, to
-    make the call and return its result; for journals.
+    ``pace``: controls how its time advances.
     """
 
     SUBJECTS: ClassVar[tuple[type[Verbs], ...]] = (
@@ -165,7 +164,6 @@ class Control(VerbMethods):
     def __init__(self, robot: ControlledRobot, pace: Pace, faults: FaultInjector) -> None:
         self._robot = robot
         self.pace = pace
-        self.on_call: Callable[[str, dict[str, Any], Callable[[], Any]], Any] | None = None
         self._take(FaultVerbs(robot, faults))
         self._take(TimeVerbs(robot, pace))
         for subject in (ProgramVerbs, InstallationVerbs, WorldVerbs, ModeVerbs, SignalVerbs, StateVerbs):
@@ -184,12 +182,12 @@ class Control(VerbMethods):
     def _recorded(self, name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(method)
         def call(*values: Any, **named: Any) -> Any:
-            if self.on_call is None:
+            if (recorder := self.controller.recorder) is None:
                 return method(*values, **named)
             signature = inspect.signature(method)
             bound = signature.bind(*values, **named)
             arguments = dict(zip(signature.parameters, bound.args, strict=False)) | bound.kwargs
-            return self.on_call(name, arguments, lambda: method(*values, **named))
+            return recorder.called(name, arguments, lambda: method(*values, **named))
 
         return call
 

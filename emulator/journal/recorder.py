@@ -321,5 +321,4 @@ def record(control: Control, sink: Sink, *, header: Mapping[str, Any] | None = N
     recorder = Recorder(JournalWriter(sink), header or header_of(controller.config), memory, checked=checked)
     recorder.attach(controller)
     recorder.wrap_backends(controller)
-    control.on_call = recorder.called
     return recorder

@@ -19,7 +19,7 @@ from emulator.controller import Controller
 from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.doors import ReplayedDevice, ReplayedModbus, ReplayedSockets, plain_values
-from emulator.journal.file import DAMAGE, FORMAT, JournalError, Record, Sink, read_journal
+from emulator.journal.file import DAMAGE, FORMAT, JournalError, MemorySink, Record, Sink, read_journal
 from emulator.journal.recorder import Checksums, Recorder, product_version, record
 from emulator.journal.values import JournalValueError, Numbers, decode
 from emulator.machine import ControllerConfig
@@ -272,6 +272,24 @@ class Replay:
         if left_out := self.header["left_out"]:
             return f"{len(left_out)} files did not fit into the journal, such as {left_out[0]}"
         return "something entered the robot that the journal does not have: please report it with the journal"
+
+
+def executed(journal: bytes, until: Callable[[Replay], bool] | None = None, *, checked: bool = True) -> Replay:
+    """A run that has been executed again, to its end or until a condition is true, and can go on, recorded anew.
+
+    Raises BadArguments for what is no journal, NotPossible for a run that is another one here.
+    """
+    try:
+        replay = Replay(journal, again=MemorySink(), checked=checked)
+        with ExitStack() as failing:
+            failing.enter_context(replay)
+            replay.run(None if until is None else lambda _: until(replay))
+            if replay.difference is not None:
+                raise NotPossible(f"the run cannot be repeated: {replay.difference}; {replay.advice}")
+            failing.pop_all()
+    except JournalError as error:
+        raise BadArguments(str(error)) from error
+    return replay
 
 
 class _NoPower:
