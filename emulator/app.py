@@ -175,14 +175,21 @@ class Emulator:
         self._recorder.attach(self.controller)
 
     def _go_on_from(self, journal: bytes) -> Waiting[None]:
-        """Restart as the robot at the end of a journal. Raises BadArguments, NotPossible."""
+        """Restart as the robot at the end of a journal; time runs meanwhile. Raises BadArguments, NotPossible."""
         executing = asyncio.get_running_loop().run_in_executor(None, executed, journal)
-        while not executing.done():
-            yield
-        self._successor = executing.result()
-        self._power.off(silent=False)
-        while self._successor is not None or self._power.is_off:
-            yield
+        pace = self.control.pace
+        paused = pace.paused
+        pace.resume()
+        try:
+            while not executing.done():
+                yield
+            self._successor = executing.result()
+            self._power.off(silent=False)
+            while self._successor is not None or self._power.is_off:
+                yield
+        finally:
+            if paused:
+                pace.pause()
 
     def _journal(self) -> bytes:
         return b"" if self._recorder is None else self._recorder.journal

@@ -10,6 +10,7 @@ import pytest
 from emulator import branches, virtual
 from emulator.app import Emulator
 from emulator.clock import StepClock
+from emulator.commands.requests import ScriptUnit
 from emulator.journal.doors import plain_values
 from emulator.journal.replay import Replay
 from emulator.machine import ControllerConfig
@@ -252,3 +253,18 @@ async def test_an_emulator_is_saved_in_a_program_and_restored():
             assert replay.controller.snapshot.target_q == emulator.controller.snapshot.target_q
         assert control.state(["timestamp"])["timestamp"] < moment["timestamp"] + 500 * 0.008
         assert control.ports()["rtde"]
+
+
+async def test_a_restored_emulator_whose_time_was_paused_is_paused_again():
+    async with Emulator(configure(model="ur3", running=True, ephemeral_ports=True)) as emulator:
+        control = emulator.control
+        emulator.controller.post(ScriptUnit(AROUND))
+        while control.state(["runtime_state"])["runtime_state"] != "PLAYING":
+            await asyncio.sleep(0.01)
+        saved = control.save()
+        control.pause_time()
+        for _ in control.restore(saved):
+            assert not control.pace.paused
+            await asyncio.sleep(0.01)
+        assert control.pace.paused
+        assert control.state(["runtime_state"])["runtime_state"] == "PLAYING"
