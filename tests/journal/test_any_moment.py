@@ -258,7 +258,7 @@ async def test_an_emulator_is_saved_in_a_program_and_restored():
 async def test_a_restored_emulator_whose_time_was_paused_is_paused_again():
     async with Emulator(configure(model="ur3", running=True, ephemeral_ports=True)) as emulator:
         control = emulator.control
-        emulator.controller.post(ScriptUnit(AROUND))
+        emulator.controller.post(ScriptUnit(AROUND, "block"))
         while control.state(["runtime_state"])["runtime_state"] != "PLAYING":
             await asyncio.sleep(0.01)
         saved = control.save()
