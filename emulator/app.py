@@ -25,9 +25,11 @@ from emulator.devices.tool_line import SerialDevice
 from emulator.faults.catalogue import describe
 from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
-from emulator.journal.file import JournalWriter, MemorySink
-from emulator.journal.recorder import Recorder, header_of
+from emulator.journal.file import JournalWriter
+from emulator.journal.header import header_of
+from emulator.journal.recorder import Recorder
 from emulator.journal.replay import Replay, executed
+from emulator.journal.ring import Ring
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
@@ -167,7 +169,7 @@ class Emulator:
         if path is None and header["problem"]:
             return  # nobody could replay it
         if path is None:
-            memory = MemorySink()
+            memory = Ring()
             self._recorder = Recorder(JournalWriter(memory, background=True), header, memory)
         else:
             file = starting.enter_context(growing(path))

@@ -165,7 +165,7 @@ class VirtualRobot(Control):
         until = None if periods is None else lambda replay: replay.periods >= periods
         with executed(journal, until, checked=False) as replay:
             if periods not in (None, replay.periods):
-                raise NotPossible("the controller was switched off at that moment")
+                raise NotPossible("the controller was switched off at that moment, or the run begins later")
             self._machine.become(replay, self)
         yield from ()
 

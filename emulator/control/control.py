@@ -111,12 +111,16 @@ class PortVerbs(Verbs):
 
     @verb
     def journal(self) -> str:
-        """Everything that has entered the robot since its start, in base64, for ``ur-emulator replay``.
+        """Everything that has entered the robot, in base64, for ``ur-emulator replay``: the last ten minutes, or more.
 
-        ``ur-emulator ctl journal --file run.journal`` writes it to a file.
+        It begins at the start, later at a moment without a program. ``ur-emulator ctl journal --file run.journal``
+        writes it to a file.
         """
         if not (content := self._journal()):
-            why = "it is too long, has no options to begin with, or is in the file of --journal"
+            why = (
+                "it is in the file of --journal, the robot was not made from options, or a program has run for so long "
+                "that 32 MB were full; a new journal begins once no program runs and the arm is at rest"
+            )
             raise NotPossible(f"the run is not in memory: {why}")
         return b64encode(content).decode()
 

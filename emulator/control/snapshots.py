@@ -54,11 +54,16 @@ _SECTIONS: Final[dict[str, tuple[Callable[["Controller"], Any], tuple[str, ...]]
 def save_state(controller: "Controller") -> dict[str, Any]:
     """The state as a document. Raises NotPossible for a robot that neither is at rest nor has a journal."""
     try:
-        check_rest(controller)
+        return state_at_rest(controller)
     except NotPossible:
         if controller.recorder is None or not (journal := controller.recorder.journal):
             raise
         return journal_document(controller, journal)
+
+
+def state_at_rest(controller: "Controller") -> dict[str, Any]:
+    """The state of a robot at rest as plain values. Raises NotPossible for another one."""
+    check_rest(controller)
     payload = controller.installation.payload
     return {
         **_kind(controller),
@@ -86,8 +91,7 @@ def check_document(controller: "Controller", document: Mapping[str, Any]) -> Non
 
 def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None:
     """Restore a state of plain values. Raises NotPossible, or BadArguments, without changing anything."""
-    check_rest(controller)
-    before = save_state(controller)
+    before = state_at_rest(controller)
     try:
         _apply(controller, document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:

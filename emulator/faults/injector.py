@@ -96,9 +96,9 @@ class FaultInjector:
         self._tidy()
         return entry.number
 
-    def skip(self) -> None:
-        """Count a fault that is not injected here, so that later ones have their numbers."""
-        self._number += 1
+    def skip(self, count: int = 1) -> None:
+        """Count faults that are not injected here, so that later ones have their numbers."""
+        self._number += count
 
     def take_over(self, others: "FaultInjector") -> None:
         """Go on with the faults of another injector, and with its controller, in place of these."""

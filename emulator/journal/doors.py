@@ -40,6 +40,11 @@ class RecordedSockets:
         self._write = write
         self._opened: list[_RecordedSocket] = []
 
+    @property
+    def idle(self) -> bool:
+        """Whether none is open."""
+        return not self._opened
+
     def open(self, address: str, port: int) -> ScriptSocket:
         opened = _RecordedSocket(self._backend.open(address, port), self.count, self._write)
         self._write("socket", self.count, opened.state, opened.failure, b"")
@@ -97,12 +102,12 @@ class _RecordedSocket:
 
 
 class ReplayedSockets:
-    """Sockets that receive what was recorded."""
+    """Sockets that receive what was recorded. opened: before the beginning, all closed since."""
 
-    def __init__(self) -> None:
-        self._opened: list[_ReplayedSocket] = []
-        self._first: deque[tuple[SocketState, str]] = deque()  # of the sockets that will be opened next
+    def __init__(self, opened: int = 0) -> None:
         self._unsent: set[tuple[int, int]] = set()
+        self._opened = [_ReplayedSocket(number, "closed", "", self._unsent) for number in range(opened)]
+        self._first: deque[tuple[SocketState, str]] = deque()  # of the sockets that will be opened next
 
     def open(self, address: str, port: int) -> ScriptSocket:
         state, failure = self._first.popleft() if self._first else ("closed", "it was not opened in the recorded run")
@@ -155,6 +160,11 @@ class RecordedModbus:
         self._write = write
         self._waiting: list[tuple[int, ModbusExchange]] = []
 
+    @property
+    def idle(self) -> bool:
+        """Whether no request waits for its outcome."""
+        return not self._waiting
+
     def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         exchange = self._backend.request(unit, request, sequential=sequential)
         self._waiting.append((self.count, exchange))
@@ -182,12 +192,12 @@ class RecordedModbus:
 
 
 class ReplayedModbus:
-    """Requests whose outcomes are those that were recorded."""
+    """Requests whose outcomes are those that were recorded. requested: before the beginning."""
 
-    def __init__(self) -> None:
+    def __init__(self, requested: int = 0) -> None:
         self._exchanges: dict[int, ModbusExchange] = {}
         self._outcomes: dict[int, tuple[tuple[int, ...], int, int]] = {}  # known before the request was sent
-        self._count = 0
+        self._count = requested
 
     def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         exchange = ModbusExchange()

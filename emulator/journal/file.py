@@ -9,19 +9,24 @@ import io
 import json
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from errno import ENOSPC
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Protocol
 
-FORMAT: Final = 1
+FORMAT: Final = 2
+"""Of the records; 1 did not say who has sent them."""
+READABLE: Final = (1, FORMAT)
 MAGIC: Final = b"ur-emulator journal 1\n"
 _HEADER: Final = struct.Struct("!II")
 _MAX_FRAME: Final = 2**28  # bytes, of which none that was written has as many
 _LEVEL: Final = 1  # of compression: a quarter of the time of the usual level, a tenth more bytes
 MOST_IN_MEMORY: Final = 32 * 1024 * 1024
 """Bytes of a journal that is kept in memory; guess: forty minutes of a stream of setpoints."""
+_TOO_LONG: Final = (
+    "it is too long for the memory; that of an emulator begins anew once no program runs, and --journal FILE has no limit"
+)
 Record = list[Any]
 
 DAMAGE: Final = (TypeError, LookupError, AttributeError)
@@ -41,30 +46,38 @@ class Sink(Protocol):
 
 
 class MemorySink:
-    """Keeps a journal in memory, as long as it is not too long."""
+    """Keeps a journal in memory, as long as it is not too long.
+
+    Later parts have beginnings of their own, which are left out where the part before is there.
+    """
 
     def __init__(self, limit: int = MOST_IN_MEMORY) -> None:
-        self._parts: list[bytes] = []
-        self._room = limit
+        self._parts: list[list[bytes]] = [[]]
+        self._limit = limit
+        self._size = 0
 
     def write(self, data: bytes) -> None:
         """Raises OSError once there is no more room; what was kept is given up then."""
-        self._room -= len(data)
-        if self._room < 0:
+        if not self._parts:
+            return
+        self._parts[-1].append(data)
+        self._size += len(data)
+        if self._size > self._limit:
             self._parts.clear()
-            raise OSError(ENOSPC, "it is too long for the memory; --journal FILE has no limit")
-        self._parts.append(data)
+            self._size = 0
+            raise OSError(ENOSPC, _TOO_LONG)
 
     def flush(self) -> None: ...
 
     @property
     def content(self) -> bytes:
         """The journal so far; empty if it was too long."""
-        return b"".join(self._parts)
+        first, *others = self._parts or [[]]
+        return b"".join((*first, *(data for part in others for data in part[1:])))
 
 
 class JournalWriter:
-    """Writes records to a sink; `flush` completes a frame. size: bytes so far.
+    """Writes records to a sink; `flush` completes a frame.
 
     background: compress and write in a thread, which a control loop must not do itself.
     """
@@ -74,22 +87,30 @@ class JournalWriter:
         self._worker = ThreadPoolExecutor(1, "journal") if background else None
         self._lines: list[str] = []
         self._problem: Exception | None = None
-        self.size = 0
         self._put(MAGIC)
 
     def add(self, record: Record) -> None:
         """Add a record to the frame."""
-        self._lines.append(json.dumps(record, separators=(",", ":")))
+        self._lines.append(line_of(record))
 
     def flush(self) -> None:
         """Write the frame. Raises OSError, in the background that of an earlier frame."""
         lines, self._lines = self._lines, []
-        if self._worker is None:
-            self._write(lines)
-        elif lines:
-            self._worker.submit(self._write_unless_broken, lines)
+        if lines:
+            self.afterwards(lambda: self._put(frame_of(lines)))
         if self._problem is not None:
             raise self._problem
+
+    def afterwards(self, work: Callable[[], object]) -> None:
+        """Do something once all that was flushed is written. Raises OSError if that is now."""
+        if self._worker is None:
+            work()
+        else:
+            self._worker.submit(self._attempt, work)
+
+    def recover(self) -> None:
+        """Write again, after an error."""
+        self._problem = None
 
     def drain(self) -> None:
         """Write the frame, and wait for it. Raises OSError."""
@@ -104,21 +125,26 @@ class JournalWriter:
             self._worker.shutdown()
             self._worker = None
 
-    def _write_unless_broken(self, lines: list[str]) -> None:
+    def _attempt(self, work: Callable[[], object]) -> None:
         try:
-            self._write(lines)
+            work()
         except OSError as error:
             self._problem = error
 
-    def _write(self, lines: list[str]) -> None:
-        if lines:
-            content = zlib.compress("\n".join(lines).encode(), _LEVEL)
-            self._put(_HEADER.pack(len(content), zlib.crc32(content)) + content)
-
     def _put(self, data: bytes) -> None:
-        self.size += len(data)
         self._sink.write(data)
         self._sink.flush()
+
+
+def line_of(record: Record) -> str:
+    """A record as it is in a frame."""
+    return json.dumps(record, separators=(",", ":"))
+
+
+def frame_of(lines: list[str]) -> bytes:
+    """The frame of some records."""
+    content = zlib.compress("\n".join(lines).encode(), _LEVEL)
+    return _HEADER.pack(len(content), zlib.crc32(content)) + content
 
 
 def read_journal(source: Path | bytes) -> Iterator[Record]:

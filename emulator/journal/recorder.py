@@ -8,7 +8,6 @@ second: a replay that differs names the first period, and what differs in the se
 """
 
 import logging
-import platform
 import struct
 import zlib
 from array import array
@@ -16,39 +15,29 @@ from base64 import b64encode
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import suppress
 from functools import partial
-from importlib.metadata import version
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 from emulator.commands.requests import DashboardLine
 from emulator.control.control import Control
+from emulator.control.snapshots import state_at_rest
 from emulator.controller import Controller
 from emulator.journal.doors import RecordedDevice, RecordedModbus, RecordedSockets, plain_values
-from emulator.journal.file import FORMAT, JournalWriter, MemorySink, Record, Sink
+from emulator.journal.file import JournalWriter, MemorySink, Record, Sink
+from emulator.journal.header import header_of, program_files
+from emulator.journal.ring import Ring
 from emulator.journal.values import JournalValueError, Numbers, encode
-from emulator.machine import ControllerConfig
 from emulator.mailbox import Command
-from emulator.robot.kinds import ArmKind
 from emulator.robotapi.server import RobotApiCall
 from emulator.snapshot import Snapshot
+from urproto.controlapi import NotPossible
 
 _STATE: Final = struct.Struct("<18d3i")
-_MAX_FILES: Final = 4 * 1024 * 1024  # bytes in the first record, which is written while the robot starts; guess
-_MAX_ENTRIES: Final = 2000  # of the programs folder that are looked at; guess: a millisecond or two
-_PROGRAM_FILES: Final = (".urp", ".urpx", ".script", ".installation", ".variables")
-_PATHS: Final = ("arm", "calibration", "initial_positions", "programs", "safety", "world")  # options that may be files
-_WORDS: Final = (*ArmKind, "factory")  # values of these options that name no files
 _LOADING: Final = ("dashboard", "play_from", "save_program", "delete_program")  # verbs after which a file may be read
 
 _ENCODED: Final = frozenset({"socket", "modbus", "tool", "file"})  # kinds whose contents are not JSON
 
 _logger = logging.getLogger(__name__)
-
-
-def product_version() -> str:
-    """The version of this package."""
-    return version("ur-emulator")
 
 
 class Checksums:
@@ -68,70 +57,6 @@ class Checksums:
         return self._sum
 
 
-def header_of(config: ControllerConfig) -> dict[str, Any]:
-    """The first record's content: from which options and files the controller is made again."""
-    files = _Files()
-    return {
-        "format": FORMAT,
-        "product": product_version(),
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "model": config.model.name,
-        "wall_clock_s": config.wall_clock_s,
-        "options": {name: files.option(name, value) for name, value in (config.options or {}).items()},
-        "files": files.contents,
-        "left_out": files.left_out,
-        "problem": files.problem if config.options is not None else "it was not made from options",
-    }
-
-
-class _Files:
-    """The files that options name.
-
-    contents: of each option, relative path -> base64. left_out: files for which there was no room. problem: an option
-    that a journal cannot contain.
-    """
-
-    def __init__(self) -> None:
-        self.contents: dict[str, dict[str, str]] = {}
-        self.left_out: list[str] = []
-        self.problem = ""
-        self._room = _MAX_FILES
-
-    def option(self, name: str, value: Any) -> Any:
-        """The value for the journal: of a file or folder, its name below the option's own folder."""
-        if name in _PATHS and isinstance(value, Path | str) and str(value) not in _WORDS:
-            path = Path(value)
-            if path.is_dir():
-                self._add(name, path, _program_files(path))
-                return {"folder": name}
-            if path.is_file():
-                beside = islice(path.parent.rglob("*"), _MAX_ENTRIES) if name == "world" else ()
-                self._add(name, path.parent, (path, *beside))
-                return {"folder": name, "file": path.name}
-        if isinstance(value, tuple):
-            return list(value)
-        if not isinstance(value, bool | int | float | str | list | dict | None):
-            self.problem = f"the journal cannot contain the option {name}, an object: give a file"
-            return None
-        return value
-
-    def _add(self, option: str, folder: Path, files: Iterable[Path]) -> None:
-        contents = self.contents.setdefault(option, {})
-        for file in filter(Path.is_file, files):
-            name, size = file.relative_to(folder).as_posix(), file.stat().st_size
-            if size > self._room:
-                self.left_out.append(name)
-            elif name not in contents:
-                self._room -= size
-                contents[name] = b64encode(file.read_bytes()).decode()
-
-
-def _program_files(folder: Path) -> list[Path]:
-    """The files of a programs folder that a controller may read; of a very large folder, some of them."""
-    return [file for file in islice(folder.rglob("*"), _MAX_ENTRIES) if file.suffix in _PROGRAM_FILES]
-
-
 class Recorder:
     """Records one run, also across restarts of its controller.
 
@@ -146,9 +71,15 @@ class Recorder:
         *,
         checked: bool = True,
     ) -> None:
-        self.periods = 0
+        self._header = dict(header)
+        begin = self._header.get("begin", {})
+        self.periods: int = begin.get("periods", 0)
+        self._verbs: int = begin.get("verbs", 0)
+        self._faults: int = begin.get("faults", 0)  # that were injected
+        self._begin = begin
         self._writer = writer
         self._memory = memory
+        self._ring = memory if isinstance(memory, Ring) else None
         self._checked = checked
         self._numbers = Numbers()
         self._ticking = False
@@ -157,18 +88,21 @@ class Recorder:
         self._checksums = array("L")
         self._last: Snapshot | None = None  # of the last period
         self._second = 0
-        self._verbs = 0
+        self._waiting = 0  # verbs that are not over
+        self._controller: Controller | None = None
+        self._restarted = False
         self._sockets: RecordedSockets | None = None
         self._modbus: RecordedModbus | None = None
         self._programs_dir: Path | None = None
         self._seen: dict[Path, tuple[int, int]] = {}
         self._broken = False
-        self._write("run", dict(header))
+        self._add([0, "run", self._header])
         self._attempt(self._writer.flush)
 
     def attach(self, controller: Controller) -> None:
         """Record a controller from its first period on; call it before anything is posted."""
         controller.recorder = self
+        self._controller = controller
         self._second = round(1.0 / controller.period_s)
         self._programs_dir = controller.config.programs_dir
         self._seen = self._states_of_files()
@@ -178,13 +112,15 @@ class Recorder:
         self._write("reboot", boot_s, periods_off)
         self.periods += periods_off
         self._last = None
+        self._restarted = True
         self.attach(controller)
 
     def wrap_backends(self, controller: Controller) -> None:
         """Record what its programs and its tool receive; call it when their connections are there."""
         self._look_outside()  # for the last time through the wrappers that are there
         programs, sockets, modbus = controller.programs, self._sockets, self._modbus
-        opened, requested = sockets.count if sockets else 0, modbus.count if modbus else 0
+        opened = sockets.count if sockets else self._begin.get("sockets", 0)
+        requested = modbus.count if modbus else self._begin.get("requests", 0)
         programs.socket_backend = self._sockets = RecordedSockets(programs.socket_backend, self._write, opened)
         programs.modbus.backend = self._modbus = RecordedModbus(programs.modbus.backend, self._write, requested)
         if (device := controller.tool_line.device) is not None:
@@ -205,6 +141,8 @@ class Recorder:
         """Write what is left."""
         self._end_second(None)
         self._attempt(self._writer.close)
+        if self._ring is not None:
+            self._ring.close()
 
     # the doors
 
@@ -229,14 +167,19 @@ class Recorder:
         number, self._verbs = self._verbs, self._verbs + 1
         self._write("verb", name, encode(dict(arguments), self._numbers))
         result = call()
+        if name == "inject_fault":
+            self._faults = result
         return self._watched(number, result) if isinstance(result, Generator) else result
 
     def _watched(self, number: int, steps: Generator[None, None, Any]) -> Generator[None, None, Any]:
+        self._waiting += 1
         try:
             return (yield from steps)
         except GeneratorExit:
             self._write("left", number)
             raise
+        finally:
+            self._waiting -= 1
 
     def _look_at_files(self) -> None:
         for path, state in self._states_of_files().items():
@@ -246,14 +189,16 @@ class Recorder:
 
     def _write_file(self, path: Path) -> None:
         assert self._programs_dir is not None
-        self._write("file", path.relative_to(self._programs_dir).as_posix(), path.read_bytes())
+        name, content = path.relative_to(self._programs_dir).as_posix(), path.read_bytes()
+        self._header["files"].setdefault("programs", {})[name] = b64encode(content).decode()
+        self._write("file", name, content)
 
     def _states_of_files(self) -> dict[Path, tuple[int, int]]:
         """Time of the last change and size of the files in the programs folder."""
         if self._programs_dir is None:
             return {}
         states = {}
-        for file in _program_files(self._programs_dir):
+        for file in program_files(self._programs_dir):
             with suppress(OSError):  # removed in the meantime
                 states[file] = (file.stat().st_mtime_ns, file.stat().st_size)
         return states
@@ -278,6 +223,32 @@ class Recorder:
             self._checksums.append(self._sums.of(snapshot))
         if self.periods % self._second == 0:
             self._end_second(snapshot if self._checked else None)
+            if self._ring is not None and self._ring.due(self.periods / self._second):
+                self._begin_anew(self._ring)
+
+    def _begin_anew(self, ring: Ring) -> None:
+        """Let the journal begin with this moment, if the robot can be described and nothing is under way."""
+        controller, sockets, modbus = self._controller, self._sockets, self._modbus
+        if controller is None or sockets is None or modbus is None or self._waiting or self._restarted:
+            return
+        if not (sockets.idle and modbus.idle) or controller.commands_waiting or controller.on_tick:
+            return
+        try:
+            state = state_at_rest(controller)
+        except NotPossible:
+            return
+        begin = {
+            "periods": self.periods,
+            "verbs": self._verbs,
+            "faults": self._faults,
+            "sockets": sockets.count,
+            "requests": modbus.count,
+            "rtde": encode([controller.rtde_inputs, controller.rtde_refreshed], self._numbers),
+            "state": state,
+        }
+        self._broken = False
+        self._writer.recover()
+        self._writer.afterwards(ring.proposal({**self._header, "begin": begin}, self.periods / self._second))
 
     def _look_outside(self) -> None:
         if self._sockets is not None:
@@ -297,7 +268,8 @@ class Recorder:
         self._add([self.periods, kind, *encoded])
 
     def _add(self, record: Record) -> None:
-        self._writer.add(record)
+        if not self._broken:
+            self._writer.add(record)
 
     def _attempt(self, work: Callable[[], object]) -> None:
         """A disk that is full must not end a control period: the journal ends."""
@@ -307,7 +279,7 @@ class Recorder:
             work()
         except OSError as error:
             self._broken = True
-            level = logging.INFO if self._memory is not None else logging.ERROR
+            level = logging.WARNING if self._memory is not None else logging.ERROR
             _logger.log(level, "the journal ends here: %s", error.strerror or error)
 
 

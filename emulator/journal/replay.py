@@ -6,7 +6,7 @@ import struct
 import tempfile
 import weakref
 from base64 import b64decode
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +14,15 @@ from typing import Any, Final
 
 from emulator.config import ConfigError, controller_config
 from emulator.control.control import Control, ServedRobot
+from emulator.control.snapshots import restore_state
 from emulator.control.timing import ManualPace
 from emulator.controller import Controller
 from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.doors import ReplayedDevice, ReplayedModbus, ReplayedSockets, plain_values
-from emulator.journal.file import DAMAGE, FORMAT, JournalError, MemorySink, Record, Sink, read_journal
-from emulator.journal.recorder import Checksums, Recorder, product_version, record
+from emulator.journal.file import DAMAGE, READABLE, JournalError, MemorySink, Record, Sink, read_journal
+from emulator.journal.header import product_version
+from emulator.journal.recorder import Checksums, Recorder, record
 from emulator.journal.values import JournalValueError, Numbers, decode
 from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
@@ -59,7 +61,7 @@ class Replay:
         self._records = read_journal(source)
         first = next(self._records, None)
         header = first[2] if first is not None and first[1] == "run" and len(first) > 2 else None
-        if not isinstance(header, dict) or header.get("format") != FORMAT:
+        if not isinstance(header, dict) or header.get("format") not in READABLE:
             raise JournalError("the journal has no beginning")
         self.header: dict[str, Any] = header
         if problem := self.header.get("problem"):
@@ -68,21 +70,18 @@ class Replay:
             self._folder = Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="ur-emulator-replay-")))
             try:
                 self.config = self._config()
-            except DAMAGE as error:
+                self.controller = Controller(self.config)
+                self.faults = FaultInjector(self.controller, machine=_NoPower())
+                self._begin(self.header.get("begin", {}))
+            except (*DAMAGE, BadArguments, NotPossible, JournalValueError) as error:
                 raise JournalError(f"the beginning of the journal is damaged: {error}") from error
             self._kept = kept.pop_all()
-        self.periods = 0
         self.difference: Difference | None = None
         self.checked = 0  # periods that were compared with the recorded ones
-        self._numbers = Numbers()
         self._checksums, self._sums = Checksums(), list[int]()
         self._steps: dict[int, Generator[None, None, Any]] = {}
-        self._verbs = 0
-        self._sockets, self._modbus = ReplayedSockets(), ReplayedModbus()
         self._device = ReplayedDevice(lambda: self.periods)
-        self.controller = Controller(self.config)
         self._robot = ServedRobot(self.controller)
-        self.faults = FaultInjector(self.controller, machine=_NoPower())
         self._control = Control(self._robot, ManualPace(), self.faults)
         self._connect()
         self.recorder: Recorder | None = None
@@ -142,6 +141,17 @@ class Replay:
             return controller_config(self.header["model"], **options)
         except (ConfigError, TypeError) as error:
             raise JournalError(f"this version of ur-emulator cannot make the robot of the run: {error}") from error
+
+    def _begin(self, begin: Mapping[str, Any]) -> None:
+        """Begin with the start of the robot, or later, with a state of it."""
+        self._numbers = Numbers()
+        self.periods: int = begin.get("periods", 0)
+        self._verbs: int = begin.get("verbs", 0)
+        self._sockets, self._modbus = ReplayedSockets(begin.get("sockets", 0)), ReplayedModbus(begin.get("requests", 0))
+        self.faults.skip(begin.get("faults", 0))
+        if begin:
+            self.controller.rtde_inputs, self.controller.rtde_refreshed = decode(begin["rtde"], self._numbers)
+            restore_state(self.controller, begin["state"])
 
     def _path(self, name: str) -> Path:
         """Where a file of the run is."""
@@ -269,6 +279,8 @@ class Replay:
             )
         if self.header["machine"] != (here := platform.machine()):
             return f"the run is of a {self.header['machine']} machine, this is {here}: their arithmetic may differ"
+        if "begin" in self.header:
+            return "the journal begins with the state of a robot at rest, which lacks something of this run"
         if left_out := self.header["left_out"]:
             return f"{len(left_out)} files did not fit into the journal, such as {left_out[0]}"
         return "something entered the robot that the journal does not have: please report it with the journal"

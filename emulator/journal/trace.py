@@ -65,7 +65,8 @@ class _Tracer:
         self._begin_s, self._end_s = begin_s, end_s
         self._lanes: set[str] = set()
         self._logged = ""
-        self.start_s = self.time_s = controller.time_s
+        self.start_s = controller.time_s - replay.periods * controller.period_s
+        self.time_s = controller.time_s
         about = f"{controller.model.title}, PolyScope {controller.version}"
         self.trace = Trace(title, f"{about}, ur-emulator {replay.header['product']}", controller.model)
 
