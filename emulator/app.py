@@ -30,6 +30,7 @@ from emulator.journal.header import header_of
 from emulator.journal.recorder import Recorder
 from emulator.journal.replay import Replay, executed
 from emulator.journal.ring import Ring
+from emulator.journal.stops import StopJournals
 from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
@@ -65,11 +66,11 @@ class Emulator:
     """A controller that answers on its ports while the context is entered.
 
     clock: drives the controller; real time by default. replay: a run to go on with. stopped: set by ``stop``, and when
-    a client shuts the controller down. port_fallbacks: by server name, why a server listens on a free port instead of
-    its usual one. tool_device: the device connected to the tool's serial line, for example the path of a pseudo
-    terminal; "" for none. control: the verbs of the control API, for callers in the same event loop; the API's port
-    stays open while a fault keeps the controller off. After such an outage, ``controller`` and ``servers`` refer to new
-    objects; the hooks of the servers are kept.
+    a client shuts the controller down. stop_journals: if set, writes the journals of unexpected stops. port_fallbacks:
+    by server name, why a server listens on a free port instead of its usual one. tool_device: the device connected to
+    the tool's serial line, for example the path of a pseudo terminal; "" for none. control: the verbs of the control
+    API, for callers in the same event loop; the API's port stays open while a fault keeps the controller off. After
+    such an outage, ``controller`` and ``servers`` refer to new objects; the hooks of the servers are kept.
     """
 
     def __init__(self, config: EmulatorConfig, clock: Clock | None = None, replay: Replay | None = None) -> None:
@@ -107,6 +108,7 @@ class Emulator:
         self._reported = ReportedErrors()
         self._recorder: Recorder | None = None if replay is None else replay.recorder
         self._successor: Replay | None = None  # what the robot becomes when it is switched on
+        self.stop_journals: StopJournals | None = None
 
     @property
     def ports(self) -> dict[str, int]:
@@ -198,6 +200,8 @@ class Emulator:
 
     def _end_journal(self) -> None:
         if self._recorder is not None:
+            if self.stop_journals is not None:
+                self.stop_journals.write(self.controller, self._recorder)
             self._recorder.close()
             self.controller.recorder = None
 
@@ -339,6 +343,8 @@ class Emulator:
         controller = self.controller
         controller.execution_time_ms = self.clock.last_tick_s * 1000.0
         controller.tick()
+        if self.stop_journals is not None and self._recorder is not None:
+            self.stop_journals.look(controller, self._recorder)
         if controller.shutdown_requested:
             self.stop()
         if not power.requested:

@@ -79,7 +79,7 @@ class EmulatorConfig:
     machines can reach the API.
     client_limits: maximum number of clients of each port.
     faults: faults to inject, at the start or later.
-    journal: file that records the run.
+    journal: file that records the run. stop_journals: whether the command writes the journals of unexpected stops.
     """
 
     controller: ControllerConfig
@@ -98,6 +98,7 @@ class EmulatorConfig:
     client_limits: ClientLimits = field(default_factory=ClientLimits)
     faults: tuple["Fault", ...] = ()
     journal: Path | None = None
+    stop_journals: bool = True
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:

@@ -188,10 +188,10 @@ class Controller(Machine):
 
     # interface for servers
 
-    def post(self, command: Command, reply: Reply | None = None) -> None:
-        """Queue a command for the next tick. ``reply`` is called with its answer, once."""
+    def post(self, command: Command, reply: Reply | None = None, client: str = "") -> None:
+        """Queue a command for the next tick. ``reply`` is called with its answer, once; client: address and port."""
         if self.recorder is not None:
-            self.recorder.posted(command)
+            self.recorder.posted(command, client)
         self._mailbox.post(command, reply)
 
     @property

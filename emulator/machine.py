@@ -112,8 +112,8 @@ class InputRecorder(Protocol):
 
     periods: int
 
-    def posted(self, command: Any) -> None:
-        """A command was posted."""
+    def posted(self, command: Any, client: str) -> None:
+        """A client has posted a command; "" is this process."""
 
     def begin(self) -> None:
         """A control period begins."""
@@ -127,8 +127,8 @@ class InputRecorder(Protocol):
     def rebooted(self, controller: Any, boot_s: float, periods_off: int) -> None:
         """The controller was switched off and on; this is the new one."""
 
-    def called(self, name: str, arguments: Mapping[str, Any], call: Callable[[], Any]) -> Any:
-        """Call a verb and return its result."""
+    def called(self, name: str, arguments: Mapping[str, Any], call: Callable[[], Any], client: str) -> Any:
+        """Call a verb for a client and return its result."""
 
     @property
     def journal(self) -> bytes:

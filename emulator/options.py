@@ -157,6 +157,10 @@ class RobotOptions(ControllerOptions):
     journal: Annotated[
         Path | None, typer.Option(help="Record the run in this file, for ur-emulator replay (docs/journal.md).")
     ] = None
+    stop_journals: Annotated[
+        bool,
+        typer.Option(help="Write the journal of an unexpected stop, next to the programs or to a temporary folder."),
+    ] = True
     most_clients: Annotated[int, typer.Option(help="Maximum number of clients of each port.")] = 256
     most_clients_per_address: Annotated[
         int | None, typer.Option(help="Maximum number of a port's clients from one address (default: half).")

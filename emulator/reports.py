@@ -1,8 +1,8 @@
-"""Report files: the log, flight reports, support files, and crash reports of the emulator.
+"""Report files: the log, flight reports, support files, and crash reports and journals of the emulator.
 
 They are written to the programs directory, or without one to a temporary folder, which the log names; the newest 20 of
-each kind are kept. Their contents are the emulator's own. The name of a support file, and the fact that it contains all
-flight reports, come from the e-Series dashboard manual.
+each kind are kept, and five journals. Their contents are the emulator's own. The name of a support file, and the fact
+that it contains all flight reports, come from the e-Series dashboard manual.
 """
 
 import tempfile
@@ -15,7 +15,7 @@ from typing import Final, TypeVar
 
 from emulator.machine import Machine
 from emulator.workshare import in_periods
-from urproto.durable import replacing, writing
+from urproto.durable import replacing, write_file, writing
 from urproto.text import readable, strip, to_bytes, unknown
 from urscript.work import Steps
 
@@ -26,7 +26,9 @@ _FLIGHT_REPORTS: Final = ("controller", "software", "system")
 _FLIGHT_REPORT: Final = "flightreport_"  # followed by its id: beginning of a file name
 _CRASH: Final = "crash_"  # likewise
 _SUPPORT: Final = "ur_"  # likewise, followed by the serial number
+_STOP: Final = "stop_"  # likewise
 _KEPT: Final = 20  # of each kind, and in each folder (guess)
+_STOPS_KEPT: Final = 5  # journals, which are larger (guess)
 _PIECE: Final = 16 * 1024  # bytes that are compressed in one step
 _BYTES_PER_WORK: Final = 20  # measured: 40 to 60 ns for a byte of a log
 _REPORT_WORK: Final = 1000  # [units of `urscript.work`]; measured: a millisecond
@@ -92,11 +94,22 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> Steps[None]:
             file.write(piece)
 
 
-def _rotate(folder: Path, pattern: str) -> None:
+def _rotate(folder: Path, pattern: str, kept: int = _KEPT) -> None:
     """Delete the oldest files of a kind, so that there is room for another one. Raises OSError."""
     files = sorted(folder.glob(pattern), key=lambda file: file.stat().st_mtime_ns)
-    for file in files[: max(0, len(files) + 1 - _KEPT)]:
+    for file in files[: max(0, len(files) + 1 - kept)]:
         file.unlink()
+
+
+def stop_journal(machine: Machine) -> Path:
+    """Where the journal of a stop is to be written. Raises OSError."""
+    return _directory(machine) / f"{_STOP}{machine.serial_number}_{machine.step_count}.journal"
+
+
+def write_stop_journal(path: Path, journal: bytes) -> None:
+    """Write the journal of a stop, from any thread; older ones are deleted. Raises OSError."""
+    _rotate(path.parent, f"{_STOP}*.journal", _STOPS_KEPT)
+    write_file(path, journal)
 
 
 def write_crash(machine: Machine, source: str | None, stage: str, trace: str) -> Path:

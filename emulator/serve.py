@@ -14,6 +14,7 @@ from emulator.app import Emulator
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.first_screen import first_screen, ready_line
 from emulator.journal.replay import Replay
+from emulator.journal.stops import StopJournals
 from emulator.logs import ERROR, OUTPUT
 from emulator.pendant_process import Pendant
 from emulator.readiness import check_ready
@@ -37,6 +38,8 @@ async def serve(
     screen = console(cast(TextIO, OUTPUT))
     without_faults = replace(config, faults=())  # they begin once the emulator has proven to be ready
     emulator = Emulator(without_faults, replay=replay)
+    if config.stop_journals:
+        emulator.stop_journals = StopJournals()
     async with AsyncExitStack() as running:
         running.enter_context(OUTPUT.in_background())
         running.enter_context(ERROR.in_background())

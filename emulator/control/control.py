@@ -151,7 +151,7 @@ else:
 class Control(VerbMethods):
     """The verbs of a robot, each as a method; what records its controller records those that may change it.
 
-    ``pace``: controls how its time advances.
+    ``pace``: controls how its time advances. ``client``: address and port of the caller; "" is this process.
     """
 
     SUBJECTS: ClassVar[tuple[type[Verbs], ...]] = (
@@ -168,6 +168,7 @@ class Control(VerbMethods):
     def __init__(self, robot: ControlledRobot, pace: Pace, faults: FaultInjector) -> None:
         self._robot = robot
         self.pace = pace
+        self.client = ""
         self._take(FaultVerbs(robot, faults))
         self._take(TimeVerbs(robot, pace))
         for subject in (ProgramVerbs, InstallationVerbs, WorldVerbs, ModeVerbs, SignalVerbs, StateVerbs):
@@ -191,7 +192,7 @@ class Control(VerbMethods):
             signature = inspect.signature(method)
             bound = signature.bind(*values, **named)
             arguments = dict(zip(signature.parameters, bound.args, strict=False)) | bound.kwargs
-            return recorder.called(name, arguments, lambda: method(*values, **named))
+            return recorder.called(name, arguments, lambda: method(*values, **named), self.client)
 
         return call
 

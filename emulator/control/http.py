@@ -200,7 +200,12 @@ class _ControlConnection(HttpConnection):
         if name not in _VERBS:
             raise HttpError(NOT_FOUND, f"there is no verb {name!r}: see /verbs")
         check_type(request, JSON)
-        result = _VERBS[name].call(self.server.control, _arguments(request.body))
+        control = self.server.control
+        control.client = self.peer
+        try:
+            result = _VERBS[name].call(control, _arguments(request.body))
+        finally:
+            control.client = ""
         if not is_waiting(result):
             return {"result": result}
         self._steps = result

@@ -25,7 +25,7 @@ _LEVEL: Final = 1  # of compression: a quarter of the time of the usual level, a
 MOST_IN_MEMORY: Final = 32 * 1024 * 1024
 """Bytes of a journal that is kept in memory; guess: forty minutes of a stream of setpoints."""
 _TOO_LONG: Final = (
-    "it is too long for the memory; that of an emulator begins anew once no program runs, and --journal FILE has no limit"
+    "it is too long for the memory; an emulator's begins anew once no program runs, and --journal FILE has no limit"
 )
 Record = list[Any]
 

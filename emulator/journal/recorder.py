@@ -12,7 +12,7 @@ import struct
 import zlib
 from array import array
 from base64 import b64encode
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -137,6 +137,12 @@ class Recorder:
         self._attempt(self._writer.drain)
         return self._memory.content
 
+    def save(self, write: Callable[[bytes], None]) -> None:
+        """Have the run so far written, if it is kept in memory: where the journal is written, after the last period."""
+        if (memory := self._memory) is not None and not self._broken:
+            self._end_second(self._last)
+            self._writer.afterwards(lambda: write(memory.content))
+
     def close(self) -> None:
         """Write what is left."""
         self._end_second(None)
@@ -146,8 +152,8 @@ class Recorder:
 
     # the doors
 
-    def posted(self, command: Command) -> None:
-        """A command was posted."""
+    def posted(self, command: Command, client: str) -> None:
+        """A client has posted a command; "" is this process."""
         if isinstance(command, RobotApiCall) or (isinstance(command, DashboardLine) and "load" in command.text.lower()):
             self._look_at_files()
         try:
@@ -156,16 +162,16 @@ class Recorder:
             _logger.error("%s", error)
             return
         if self._ticking:
-            self._late.append([self.periods + 1, "post", content])
+            self._late.append([self.periods + 1, "post", content, client])
         else:
-            self._write("post", content)
+            self._write("post", content, client)
 
-    def called(self, name: str, arguments: Mapping[str, Any], call: Callable[[], Any]) -> Any:
+    def called(self, name: str, arguments: Mapping[str, Any], call: Callable[[], Any], client: str = "") -> Any:
         """Call a verb; returns its result, or its steps with an eye on whether somebody waits for their end."""
         if name in _LOADING:
             self._look_at_files()
         number, self._verbs = self._verbs, self._verbs + 1
-        self._write("verb", name, encode(dict(arguments), self._numbers))
+        self._write("verb", name, encode(dict(arguments), self._numbers), client)
         result = call()
         if name == "inject_fault":
             self._faults = result
@@ -246,7 +252,7 @@ class Recorder:
             "rtde": encode([controller.rtde_inputs, controller.rtde_refreshed], self._numbers),
             "state": state,
         }
-        self._broken = False
+        self._broken, self._last = False, None
         self._writer.recover()
         self._writer.afterwards(ring.proposal({**self._header, "begin": begin}, self.periods / self._second))
 

@@ -199,10 +199,10 @@ class Replay:
         except DAMAGE as error:
             raise JournalError(f"the journal has a damaged record of the kind {kind}: {error}") from error
 
-    def _apply_post(self, content: Any) -> None:
+    def _apply_post(self, content: Any, client: str = "") -> None:
         self.controller.post(decode(content, self._numbers))
 
-    def _apply_verb(self, name: str, arguments: Any) -> None:
+    def _apply_verb(self, name: str, arguments: Any, client: str = "") -> None:
         number, self._verbs = self._verbs, self._verbs + 1
         given = decode(arguments, self._numbers)
         try:

@@ -31,6 +31,7 @@ _STREAM_S: Final = 0.02  # setpoints of a stream are reported together, this far
 _MAX_TEXT: Final = 200  # characters of an entry; its detail has more
 _MAX_DETAIL: Final = 4000
 _MAX_ARGUMENT: Final = 60
+_MAX_CLIENTS: Final = 6  # of a port that have lanes: clients that connect for each message would fill the page
 _FAULTS: Final = ("inject_fault", "clear_fault", "clear_faults")  # verbs
 
 
@@ -116,6 +117,32 @@ class _Tracer:
         self._lanes = set(lines)
 
 
+class _Stream:
+    """Changes of a client's RTDE inputs. time_s: when they were last reported."""
+
+    def __init__(self) -> None:
+        self.time_s = -inf
+        self._inputs: dict[str, Any] = {}  # the last value of each
+        self._changed: dict[str, Any] = {}  # values that are not reported yet
+
+    def add(self, time_s: float, values: Mapping[str, Any]) -> str:
+        """Take values; returns what is to be reported now, if anything is."""
+        changed = {name: value for name, value in values.items() if self._inputs.get(name) != value}
+        self._inputs |= changed
+        self._changed |= changed
+        streamed = all(isinstance(value, float | tuple) for value in changed.values())
+        if not self._changed or (streamed and time_s < self.time_s + _STREAM_S):
+            return ""
+        self.time_s = time_s
+        return self.take()
+
+    def take(self) -> str:
+        """What is not reported yet."""
+        text = ", ".join(f"{name} = {value}" for name, value in self._changed.items())
+        self._changed.clear()
+        return text
+
+
 class _Messages:
     """Takes down what clients have sent, by the records of a journal."""
 
@@ -123,9 +150,8 @@ class _Messages:
         self._trace = trace
         self._period_s = period_s
         self._numbers = Numbers()
-        self._inputs: dict[str, Any] = {}  # the last value of each RTDE input
-        self._stream: dict[str, Any] = {}  # values of a stream that are not reported yet
-        self._stream_s = -inf
+        self._clients: dict[str, list[str]] = {}  # of each port, those that have lanes
+        self._streams: dict[str, _Stream] = {}  # of RTDE inputs, by lane
 
     def add(self, time_s: float, record: Record) -> None:
         """Take a record down. Raises JournalError."""
@@ -140,37 +166,38 @@ class _Messages:
         first = text.strip().partition("\n")[0][:_MAX_TEXT]
         self._trace.event(lane, time_s, first, level, text[:_MAX_DETAIL])
 
-    def _take_post(self, time_s: float, content: Any) -> None:
+    def _lane(self, port: str, client: str) -> str:
+        """The lane of a client; later ones share one."""
+        if not client:
+            return port
+        known = self._clients.setdefault(port, [])
+        if client not in known and len(known) < _MAX_CLIENTS:
+            known.append(client)
+        return f"{port} {client}" if client in known else f"{port}, further clients"
+
+    def _take_post(self, time_s: float, content: Any, client: str = "") -> None:
         command = decode(content, self._numbers)
-        lane = _LANES.get(type(command), _OTHER_LANE)
+        lane = self._lane(_LANES.get(type(command), _OTHER_LANE), client)
         if isinstance(command, RTDEInputs):
-            self._take_inputs(time_s, command.values)
+            if text := self._streams.setdefault(lane, _Stream()).add(time_s, command.values):
+                self._event(lane, time_s, text)
         elif isinstance(command, RobotApiCall):
             self._event(lane, time_s, f"{command.operation.endpoint.method} {command.operation.endpoint.path}")
         else:
             self._event(lane, time_s, getattr(command, "text", "") or repr(command))
 
-    def _take_inputs(self, time_s: float, values: Mapping[str, Any]) -> None:
-        changed = {name: value for name, value in values.items() if self._inputs.get(name) != value}
-        self._inputs |= changed
-        streamed = all(isinstance(value, float | tuple) for value in changed.values())
-        self._stream |= changed
-        if self._stream and (not streamed or time_s >= self._stream_s + _STREAM_S):
-            self._stream_s = time_s
-            self.flush()
-
     def flush(self) -> None:
-        """Report the rest of a stream."""
-        if self._stream:
-            text = ", ".join(f"{name} = {value}" for name, value in self._stream.items())
-            self._event("RTDE inputs", self._stream_s, text)
-            self._stream.clear()
+        """Report the rest of each stream."""
+        for lane, stream in self._streams.items():
+            if text := stream.take():
+                self._event(lane, stream.time_s, text)
 
-    def _take_verb(self, time_s: float, name: str, arguments: Any) -> None:
+    def _take_verb(self, time_s: float, name: str, arguments: Any, client: str = "") -> None:
         given = decode(arguments, self._numbers)
         shown = (f"{key}={value!r:.{_MAX_ARGUMENT}}" for key, value in given.items())
         detail = "\n".join(value for value in given.values() if isinstance(value, str) and "\n" in value)
-        lane, level = ("Faults", "warning") if name in _FAULTS else ("Control API", "")
+        api = self._lane("Control API", client.rpartition(":")[0])  # of whose clients each call is a connection
+        lane, level = ("Faults", "warning") if name in _FAULTS else (api, "")
         self._trace.event(lane, time_s, f"{name}({', '.join(shown)})"[:_MAX_TEXT], level, detail[:_MAX_DETAIL])
 
     def _take_socket(self, time_s: float, number: int, state: str, failure: str, data: Any) -> None:

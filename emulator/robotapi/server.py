@@ -98,7 +98,7 @@ class _RobotApiConnection(HttpConnection):
 
     def __init__(self, server: RobotApiServer) -> None:
         super().__init__(server)
-        self._queue = CommandQueue(server.controller, self.read_on)
+        self._queue = CommandQueue(server.controller, self.read_on, client=self)
 
     def refusal(self, text: str) -> Any:
         return ApiError(text)

@@ -3,12 +3,18 @@
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from emulator.mailbox import Command
 from emulator.servers.port import Reply, ServedController
 
 _MAX_WAITING: Final = 64  # requests of one connection; above that, reading from it pauses (guess)
+
+
+class Client(Protocol):
+    """Who sends commands. peer: its address and port."""
+
+    peer: str
 
 
 class CommandQueue:
@@ -18,7 +24,15 @@ class CommandQueue:
     The queue outlives its connection: a script that was sent just before closing still runs.
     """
 
-    def __init__(self, controller: ServedController, read_on: Callable[[bool], None], max_unanswered: int = 1) -> None:
+    def __init__(
+        self,
+        controller: ServedController,
+        read_on: Callable[[bool], None],
+        max_unanswered: int = 1,
+        *,
+        client: Client | None = None,
+    ) -> None:
+        self._client = client
         self._controller = controller
         self._read_on = read_on
         self._max_unanswered = max_unanswered
@@ -55,7 +69,8 @@ class CommandQueue:
         while self._waiting and self._unanswered < self._max_unanswered:
             command, reply = self._waiting.popleft()
             self._unanswered += 1
-            self._controller.post(command, partial(self._answered, reply))
+            client = "" if self._client is None else self._client.peer
+            self._controller.post(command, partial(self._answered, reply), client)
 
     def _answered(self, reply: Reply | None, answer: Any) -> None:
         self._unanswered -= 1

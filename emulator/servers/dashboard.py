@@ -26,7 +26,7 @@ class _DashboardConnection(Connection):
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
         self._decoder = LineDecoder()
-        self._queue = CommandQueue(server.controller, self.read_on)
+        self._queue = CommandQueue(server.controller, self.read_on, client=self)
         # until the connection is closed: the text of the refusal asks to reconnect
         self._restricted = server.controller.snapshot.local_control
 

@@ -31,7 +31,7 @@ class _GripperConnection(Connection):
         super().__init__(server)
         self._decoder = RequestDecoder()
         self._session = GripperSession()
-        self._queue = CommandQueue(server.controller, self.read_on)
+        self._queue = CommandQueue(server.controller, self.read_on, client=self)
 
     def received(self, data: bytes) -> None:
         self._call(self._decoder.feed(data))

@@ -33,7 +33,7 @@ class _InterpreterConnection(Connection):
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
         self._decoder = StatementDecoder()
-        self._queue = CommandQueue(server.controller, self.read_on, _LINES_PER_PERIOD)
+        self._queue = CommandQueue(server.controller, self.read_on, _LINES_PER_PERIOD, client=self)
         self._unanswered = 0
 
     def received(self, data: bytes) -> None:

@@ -26,7 +26,7 @@ class _ModbusConnection(Connection):
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
         self._decoder = FrameDecoder()
-        self._queue = CommandQueue(server.controller, self.read_on, max_unanswered=_REQUESTS_PER_PERIOD)
+        self._queue = CommandQueue(server.controller, self.read_on, _REQUESTS_PER_PERIOD, client=self)
 
     def received(self, data: bytes) -> None:
         for frame in self._decoder.feed(data):

@@ -50,7 +50,7 @@ class ScriptConnection(Connection):
         super().__init__(server)
         self._read_only = read_only or server.controller.snapshot.local_control
         self._splitter = ScriptSplitter()
-        self._queue = CommandQueue(server.controller, self._queue_ready)
+        self._queue = CommandQueue(server.controller, self._queue_ready, client=self)
 
     def received(self, data: bytes) -> None:
         self._splitter.add(data)

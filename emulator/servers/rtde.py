@@ -67,7 +67,7 @@ class _RTDEConnection(Connection):
         super().__init__(server)
         self.session = RTDESession(host, self._write_inputs, self._note)
         self._decoder = RTDEDecoder()
-        self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_PER_PERIOD)
+        self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_PER_PERIOD, client=self)
         self._full_since_s: float | None = None  # the client has not read since
 
     def send_state(self, data: bytes) -> None:

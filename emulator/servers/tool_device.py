@@ -43,7 +43,7 @@ class _ToolConnection(Connection):
 
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
-        self._queue = CommandQueue(server.controller, self._read_on)
+        self._queue = CommandQueue(server.controller, self._read_on, client=self)
 
     def opened(self) -> None:
         self._read_on(True)

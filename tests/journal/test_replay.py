@@ -4,6 +4,7 @@ import asyncio
 import io
 import json
 import os
+import time
 import zipfile
 from base64 import b64decode
 from contextlib import suppress
@@ -20,6 +21,8 @@ from emulator.control.conditions import parse_condition
 from emulator.journal.file import MAGIC, JournalError, JournalWriter, MemorySink, read_journal
 from emulator.journal.recorder import record
 from emulator.journal.replay import Replay
+from emulator.journal.ring import Ring
+from emulator.journal.stops import StopJournals
 from emulator.options import configure
 from emulator.virtual import virtual_robot
 from urproto.controlapi import BadArguments, NotPossible
@@ -241,16 +244,68 @@ def test_a_crash_report_has_the_journal_up_to_the_failure(tmp_path):
         assert replay.controller.programs.state is RuntimeState.PLAYING
 
 
-def test_a_journal_in_memory_is_given_up_when_it_is_too_long():
-    sink = MemorySink(limit=20_000)
-    robot = virtual_robot("ur5e", running=True)
-    recorder = record(robot, sink)
+@pytest.mark.parametrize("sink", [MemorySink, Ring])
+def test_a_journal_in_memory_is_given_up_when_it_is_too_long_and_a_ring_begins_anew_at_rest(sink, caplog):
+    robot = virtual_robot("ur5e", running=True, recorded=False)
+    recorder = record(robot, sink(limit=20_000))
     robot.send_script(MOVE)
     robot.step(500)
     assert recorder.journal
     robot.step(9000)
     assert recorder.journal == b""
-    robot.step(10)
+    assert caplog.text.count("the journal ends here") == 1
+    robot.dashboard("stop")
+    robot.step(600)
+    assert bool(recorder.journal) is (sink is Ring)
+    if recorder.journal:
+        with Replay(recorder.journal) as replay:
+            replay.run()
+            assert (replay.difference, replay.periods) == (None, recorder.periods)
+    recorder.close()
+
+
+def test_a_ring_drops_what_is_older_once_another_process_has_proven_new_beginnings():
+    robot = virtual_robot("ur5e", running=True, recorded=False)
+    recorder = record(robot, Ring(segment_s=2.0))
+    number = robot.inject_fault("lagging_joint", joint=2, lasting=0.1)
+    while "begin" not in next(read_journal(recorder.journal))[2]:
+        robot.set_digital_output(1, not robot.state(["actual_digital_output_bits"])["actual_digital_output_bits"] & 2)
+        robot.step(500)
+        time.sleep(0.05)  # for the other process
+    robot.send_script(MOVE)
+    assert robot.inject_fault("lagging_joint", joint=2, lasting=0.1) == number + 1
+    robot.step(500)
+    with Replay(recorder.journal) as replay:
+        begun = replay.periods
+        replay.run()
+        assert (replay.difference, replay.periods) == (None, recorder.periods)
+        assert 0 < replay.checked == recorder.periods - begun
+    recorder.close()
+
+
+async def test_the_journals_of_unexpected_stops_are_written_by_themselves(tmp_path, caplog):
+    for number in range(6):
+        (tmp_path / f"stop_{number}.journal").touch()
+    clock = StepClock()
+    async with Emulator(
+        configure(model="ur3", programs=tmp_path, ephemeral_ports=True, running=True), clock
+    ) as emulator:
+        emulator.stop_journals = StopJournals()
+        clock.step(100)
+        emulator.control.protective_stop()
+        clock.step(200)
+        emulator.control.press_emergency_stop()  # soon after the other one
+        clock.step(300)
+    (journal,) = (file for file in tmp_path.glob("stop_*.journal") if file.stat().st_size)
+    assert len(list(tmp_path.glob("stop_*.journal"))) == 5
+    assert f"PROTECTIVE_STOP: ur-emulator trace {journal} shows the run" in caplog.text
+    with Replay(journal) as replay:
+        replay.run(parse_condition("safety_mode == PROTECTIVE_STOP"))
+        stopped = replay.periods
+        replay.run()
+        assert replay.difference is None
+        assert stopped <= 102
+        assert 124 <= replay.periods - stopped <= 126
 
 
 async def test_the_control_api_hands_the_journal_out():

@@ -29,7 +29,7 @@ class FakeController:
         self._queue: list[tuple[Command, Callable[[Any], None] | None]] = []
         self._subscribers: list[Callable[[Snapshot], None]] = []
 
-    def post(self, command: Command, reply: Callable[[Any], None] | None = None) -> None:
+    def post(self, command: Command, reply: Callable[[Any], None] | None = None, client: str = "") -> None:
         self._queue.append((command, reply))
 
     def subscribe(self, callback: Callable[[Snapshot], None]) -> Callable[[], None]:

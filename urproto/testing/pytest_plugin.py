@@ -80,7 +80,7 @@ def make_ur_emulator(
         token = options.pop("control_token", "")
         if (q_rad := options.pop("initial_q", None)) is not None:
             options["initial_positions"] = write_positions(tmp_path_factory.mktemp("ur") / "positions.yaml", q_rad)
-        emulators.append(started := EmulatorProcess(command_line(options), token=token))
+        emulators.append(started := EmulatorProcess(command_line({"no_stop_journals": True, **options}), token=token))
         journals[f"ur_emulator {started.host}"] = lambda: b64decode(started.journal())
         return started.start()
 
