@@ -9,8 +9,9 @@ program waits for anything else.
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from emulator.builtins.host import ProgramHost
@@ -34,10 +35,20 @@ _SECONDARY_FAILED: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """An action on the controller at a time [s] of the run."""
+    """An action on the controller at a time [s] of the run. verb, arguments: that do the same."""
 
     at_s: float
     apply: Callable[[Controller], None]
+    verb: str
+    arguments: Mapping[str, Any]
+
+
+def act(controller: Controller, verb: str, arguments: Mapping[str, Any], call: Callable[[], Any]) -> None:
+    """Do what a verb does; what records the controller records it as that."""
+    if (recorder := controller.recorder) is None:
+        call()
+    else:
+        recorder.called(verb, arguments, call, "")
 
 
 class Batch:
@@ -101,7 +112,8 @@ class Batch:
         if self.done:
             return
         while self._stimuli and self._stimuli[0].at_s <= self.time_s:
-            self._stimuli.popleft().apply(self._controller)
+            stimulus = self._stimuli.popleft()
+            act(self._controller, stimulus.verb, stimulus.arguments, partial(stimulus.apply, self._controller))
         self._submit()
         for message in self._controller.tick().messages:
             self._reporters.get(message.__class__, lambda _: None)(message)
@@ -123,7 +135,7 @@ class Batch:
                 self._secondary = unit
             else:
                 self._main = unit
-            programs.submit(unit.text)
+            act(self._controller, "send_script", {"text": unit.text}, lambda: programs.submit(unit.text))
 
     def _observe(self) -> None:
         """A main program that a watchdog, a stop or anything else has ended before its end is a failure."""

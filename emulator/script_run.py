@@ -6,9 +6,10 @@ import re
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from emulator.batch import Batch, Stimulus
+from emulator.batch import Batch, Stimulus, act
 from emulator.clock import Clock, FastClock, RealClock
 from emulator.config import choose_arm, controller_config
 from emulator.controller import Controller
@@ -28,31 +29,42 @@ if TYPE_CHECKING:
     from emulator.faults.injector import FaultInjector
 
 Setter: TypeAlias = Callable[[Controller, int, float], Any]
+Known: TypeAlias = tuple[int, Setter, str, dict[str, Any]]  # how many there are, a function and a verb that set one
 
 INTERRUPTED: Final = "interrupted"  # the failure of a run that was ended by Ctrl-C
 _NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")
-_INPUTS: Final[dict[str, tuple[int, Setter]]] = {
-    "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value))),
-    "configurable": (8, lambda c, n, value: c.signals.set_digital_input(CONFIGURABLE, n, bool(value))),
-    "tool": (2, lambda c, n, value: c.signals.set_digital_input(TOOL, n, bool(value))),
-    "analog": (2, lambda c, n, value: c.signals.analog_inputs.__setitem__(n, value)),
-    "tool-analog": (2, lambda c, n, value: c.signals.tool_analog_inputs.__setitem__(n, value)),
+_DIGITAL, _ANALOG, _REGISTER = "set_digital_input", "set_analog_input", "set_input_register"  # verbs
+_INPUTS: Final[dict[str, Known]] = {
+    "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value)), _DIGITAL, {}),
+    "configurable": (
+        8,
+        lambda c, n, value: c.signals.set_digital_input(CONFIGURABLE, n, bool(value)),
+        _DIGITAL,
+        {"group": "configurable"},
+    ),
+    "tool": (2, lambda c, n, value: c.signals.set_digital_input(TOOL, n, bool(value)), _DIGITAL, {"group": "tool"}),
+    "analog": (2, lambda c, n, value: c.signals.analog_inputs.__setitem__(n, value), _ANALOG, {}),
+    "tool-analog": (2, lambda c, n, value: c.signals.tool_analog_inputs.__setitem__(n, value), _ANALOG, {"tool": True}),
 }
-_REGISTERS: Final[dict[str, tuple[int, Setter]]] = {
-    "bool": (128, lambda c, n, value: c.registers.input.set_bit(n, bool(value))),
-    "int": (48, lambda c, n, value: c.registers.input.set_int(n, int(value))),
-    "float": (48, lambda c, n, value: c.registers.input.set_double(n, value)),
+_REGISTERS: Final[dict[str, Known]] = {
+    "bool": (128, lambda c, n, value: c.registers.input.set_bit(n, bool(value)), _REGISTER, {"kind": "bit"}),
+    "int": (48, lambda c, n, value: c.registers.input.set_int(n, int(value)), _REGISTER, {"kind": "int"}),
+    "float": (48, lambda c, n, value: c.registers.input.set_double(n, value), _REGISTER, {"kind": "double"}),
 }
 _TRUTHS: Final = {"true": 1.0, "false": 0.0}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a run. status: the exit status; failure: the reason, or empty; robot_s: its robot time [s]."""
+    """The result of a run. status: the exit status; failure: the reason, or empty; robot_s: its robot time [s].
+
+    journal: of a run that was recorded.
+    """
 
     status: int
     failure: str = ""
     robot_s: float = 0.0
+    journal: bytes = b""
 
 
 def run(options: Namespace) -> int:
@@ -63,9 +75,12 @@ def run(options: Namespace) -> int:
         return usage_error("urscript run", error)
 
 
-def execute(options: Namespace, print_line: Callable[[str], None]) -> Outcome:
-    """Compile and run the file; `print_line` gets each line of the report. Raises ValueError for invalid options."""
-    setup, file = _prepared(options)
+def execute(options: Namespace, print_line: Callable[[str], None], *, record: bool = False) -> Outcome:
+    """Compile and run the file; `print_line` gets each line of the report. Raises ValueError for invalid options.
+
+    record: whether the outcome has the journal; answers of an operator are not in it.
+    """
+    setup, file = _prepared(options, record=record)
     controller = setup.controller
     problems = file.problems(LIBRARY_SET, controller.version)
     for problem in problems:
@@ -76,7 +91,8 @@ def execute(options: Namespace, print_line: Callable[[str], None]) -> Outcome:
     batch = setup.batch(file, print_line, options)
     setup.play(batch, options)
     print_line(_final_state(batch, controller))
-    return Outcome(TROUBLE if batch.failure else SUCCESS, batch.failure, batch.time_s)
+    journal = b"" if controller.recorder is None else controller.recorder.journal
+    return Outcome(TROUBLE if batch.failure else SUCCESS, batch.failure, batch.time_s, journal)
 
 
 def check(options: Namespace) -> None:
@@ -84,10 +100,10 @@ def check(options: Namespace) -> None:
     _prepared(options)
 
 
-def _prepared(options: Namespace) -> "tuple[Setup, ScriptFile]":
+def _prepared(options: Namespace, *, record: bool = False) -> "tuple[Setup, ScriptFile]":
     """Create what the options describe. Raises ValueError."""
     try:
-        return Setup.of(options), ScriptFile.read(options.file)
+        return Setup.of(options, record=record), ScriptFile.read(options.file)
     except OSError as error:
         raise ValueError(f"{error.filename or options.file}: {error.strerror}") from error
 
@@ -102,7 +118,7 @@ class Setup:
     faults: "FaultInjector | None"
 
     @classmethod
-    def of(cls, options: Namespace, peers: Peers | None = None) -> "Setup":
+    def of(cls, options: Namespace, peers: Peers | None = None, *, record: bool = False) -> "Setup":
         """Create it. peers: instead of those of the options. Raises ValueError or OSError."""
         model, _ = choose_arm(options.model, options.polyscope, options.arm)
         config = controller_config(
@@ -122,7 +138,10 @@ class Setup:
         if peers is None:
             peers = Peers({}, {}) if options.peers is None else read_peers(options.peers)
         controller = Controller(config)
-        controller.speed.set_slider(options.speed_slider)
+        if record:
+            _record(controller)
+        slider = {"fraction": options.speed_slider}
+        act(controller, "set_speed_slider", slider, lambda: controller.speed.set_slider(options.speed_slider))
         return cls(controller, stimuli, peers, _injected(options, controller))
 
     def batch(self, file: "ScriptFile", print_line: Callable[[str], None], options: Namespace) -> Batch:
@@ -154,11 +173,21 @@ class Setup:
             batch.stop(unmet)
 
 
+def _record(controller: Controller) -> None:
+    """Record a controller in memory, from now on."""
+    from emulator.journal.file import JournalWriter, MemorySink  # would take a part of the start-up time, too
+    from emulator.journal.header import header_of
+    from emulator.journal.recorder import Recorder
+
+    memory = MemorySink()
+    Recorder(JournalWriter(memory), header_of(controller.config), memory).attach(controller)
+
+
 def _injected(options: Namespace, controller: Controller) -> "FaultInjector | None":
     """Inject the faults of the options, if any; those without a seed get that of the run. Raises ValueError."""
     if not options.fault:
         return None  # importing the catalogue would take a tenth of the start-up time
-    from emulator.faults.catalogue import parse_fault
+    from emulator.faults.catalogue import describe, parse_fault
     from emulator.faults.fault import FaultImpossibleError
     from emulator.faults.injector import FaultInjector
 
@@ -166,13 +195,15 @@ def _injected(options: Namespace, controller: Controller) -> "FaultInjector | No
     for text in options.fault:
         fault = parse_fault(text)
         try:
-            injector.inject(replace(fault, seed=fault.seed or options.seed))
+            seeded = replace(fault, seed=fault.seed or options.seed)
+            arguments = {"kind": seeded.kind, **describe(seeded)}
+            act(controller, "inject_fault", arguments, partial(injector.inject, seeded))
         except FaultImpossibleError as error:
             raise ValueError(f"{text}: {error}") from error
     return injector
 
 
-def stimulus(text: str, known: Mapping[str, tuple[int, Setter]] = _INPUTS | _REGISTERS) -> Stimulus:
+def stimulus(text: str, known: Mapping[str, Known] = _INPUTS | _REGISTERS) -> Stimulus:
     """An input or register, as on the command line, as a stimulus. Raises ValueError."""
     match = _NUMBERED.fullmatch(text)
     if match is None:
@@ -183,10 +214,12 @@ def stimulus(text: str, known: Mapping[str, tuple[int, Setter]] = _INPUTS | _REG
         raise ValueError(f"there is no {kind}{number}: choose from {names}")
     value = _TRUTHS.get(match[3].lower())
     value = _number(match[3]) if value is None else value
-    set_it = known[kind][1]
+    _, set_it, verb, arguments = known[kind]
+    level = {"level": bool(value)} if verb is _DIGITAL else {"value": value}
     if kind == "int" and not (value.is_integer() and abs(value) < 2**31):
         raise ValueError(f"{text!r}: an int register takes a 32-bit integer")
-    return Stimulus(_number(match[4] or "0"), lambda controller: set_it(controller, number, value))
+    at_s, named = _number(match[4] or "0"), {**arguments, "index": number, **level}
+    return Stimulus(at_s, lambda controller: set_it(controller, number, value), verb, named)
 
 
 def _joints(texts: Sequence[str], model: RobotModel) -> Joints:
@@ -221,6 +254,8 @@ async def _drive(
     """Run control periods until the run is over. Raises what a period raises."""
     sockets = NetworkSockets(network, controller.messages.note, port=ScriptPort(lambda: controller.snapshot.timestamp))
     peers.attach(controller, sockets)
+    if controller.recorder is not None:
+        controller.recorder.wrap_backends(controller)
     period_s = controller.period_s
     clock: Clock = RealClock(period_s, speed) if speed else FastClock(period_s, lambda: len(sockets) > 0)
     over: asyncio.Future[None] = asyncio.get_running_loop().create_future()

@@ -5,6 +5,7 @@ from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from shlex import join
+from shutil import rmtree
 from typing import Annotated, Final
 
 import typer
@@ -12,7 +13,7 @@ import typer
 from emulator.campaign.cluster import RayWorkers
 from emulator.campaign.conduct import Conductor, first_failures, simplest
 from emulator.campaign.jobs import Workers
-from emulator.campaign.journal import Journal, write_parquet
+from emulator.campaign.journal import FAILED_RUNS, Journal, write_parquet
 from emulator.campaign.local import LocalWorkers
 from emulator.campaign.plan import Plan, Run, read_plan
 from emulator.campaign.progress import Progress
@@ -66,6 +67,7 @@ def _campaign(
         folder = out or file.with_name(f"{file.stem}-results")
         if fresh:
             (folder / "journal.jsonl").unlink(missing_ok=True)
+            rmtree(folder / FAILED_RUNS, ignore_errors=True)
         with Journal(folder, plan, installed_version()) as journal:
             simpler = _carry_out(plan, journal, ray, workers, minimise)
             write_parquet(journal, plan, folder / "results.parquet")

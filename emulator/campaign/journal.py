@@ -11,13 +11,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+from msgspec.structs import replace
 
 from emulator.campaign.plan import Axis, Numbers, Plan
 from emulator.campaign.work import Result
 from emulator.config import ConfigError
 from urproto.compat import Self
-from urproto.durable import replacing
+from urproto.durable import replacing, write_file
 
+FAILED_RUNS: Final = "failed_runs"
+"""Folder for the journals and crash reports of failed runs, next to the results."""
+_MAX_FILES: Final = 200  # in it (guess)
 _ROWS: Final = 20_000  # of a Parquet file's row group
 _ENCODER: Final = msgspec.json.Encoder()
 _DECODER: Final = msgspec.json.Decoder(Result)
@@ -37,6 +41,7 @@ class Journal:
         self._plan = plan
         self._head = _Head(plan.name, plan.fingerprint, version)
         self._done = bytearray(len(plan))
+        self._kept = len(list(folder.glob(f"{FAILED_RUNS}/*")))
         folder.mkdir(parents=True, exist_ok=True)
 
     def __enter__(self) -> Self:
@@ -69,9 +74,20 @@ class Journal:
         for result in results:
             if not self._done[result.run]:
                 self._done[result.run] = 1
-                new.append(result)
+                new.append(self._with_files(result))
         self._write(new)
         return new
+
+    def _with_files(self, result: Result) -> Result:
+        """Write the files of a failed run, as long as there are not too many; returns the result with their names."""
+        folder, names = self.path.with_name(FAILED_RUNS), {}
+        for name, content in result.files.items():
+            if self._kept < _MAX_FILES:
+                self._kept += 1
+                folder.mkdir(exist_ok=True)
+                write_file(folder / f"{result.run}_{name}", content)
+                names[f"{folder.name}/{result.run}_{name}"] = b""
+        return replace(result, files=names)
 
     def results(self) -> Iterator[Result]:
         """All results, in the order in which they arrived."""

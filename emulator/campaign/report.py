@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from shlex import join
+from shlex import quote as quote_word
 from typing import Any, Final
+from urllib.parse import quote
 
 from emulator.campaign.journal import Journal, shown
 from emulator.campaign.minimise import kind_of
@@ -129,7 +131,13 @@ def _run_row(plan: Plan, result: Result) -> str:
     place = plan.place(result.run)
     cells = "".join(f"<td>{_cell(axis, index)}" for axis, index in zip(plan.axes, place, strict=True))
     command = _command(plan, plan.run(result.run))
-    return f"<tr><td class=n>{result.run}{cells}<td>{escape(result.failure)}<br><code>{command}</code>"
+    files = "".join(f'<br><a href="{quote(name)}">{escape(name)}</a>{_opened(name)}' for name in result.files)
+    return f"<tr><td class=n>{result.run}{cells}<td>{escape(result.failure)}<br><code>{command}</code>{files}"
+
+
+def _opened(name: str) -> str:
+    """How a file of a run is opened."""
+    return f" <code>ur-emulator trace {escape(quote_word(name))}</code>" if name.endswith(".journal") else ""
 
 
 def _axis(plan: Plan, summary: Summary, number: int, axis: Axis) -> str:

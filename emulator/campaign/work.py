@@ -13,6 +13,7 @@ from typing import Final
 from xml.etree import ElementTree
 
 import msgspec
+from msgspec.structs import replace
 
 from emulator.campaign.minimise import minimised
 from emulator.campaign.plan import Kind, Plan, Run
@@ -26,6 +27,7 @@ from urproto.text import readable
 _LONGEST: Final = 400  # characters of a failure; the replay command shows the rest
 _PYTEST_FAILED: Final = 1
 _NOT_COLLECTED: Final = 5
+_EVIDENCE: Final = ("*.journal", "crash_*.zip")
 
 
 class Status(StrEnum):
@@ -38,7 +40,10 @@ class Status(StrEnum):
 
 
 class Result(msgspec.Struct, frozen=True):
-    """The result of a run. robot_s: robot time; cpu_s: processor time; wall_s: elapsed time; node: the machine."""
+    """The result of a run. robot_s: robot time; cpu_s: processor time; wall_s: elapsed time; node: the machine.
+
+    files: of a failed run, journals and crash reports by name; their contents are left out where results are stored.
+    """
 
     run: int
     status: Status
@@ -47,6 +52,7 @@ class Result(msgspec.Struct, frozen=True):
     cpu_s: float = 0.0
     wall_s: float = 0.0
     node: str = ""
+    files: dict[str, bytes] = {}
 
 
 def installed_version() -> str:
@@ -83,7 +89,7 @@ def _timed(plan: Plan, run: Run) -> Result:
         result = _pytest(plan, run) if plan.kind is Kind.PYTEST else _script(plan, run)
     except Exception as error:  # an error in the emulator: the campaign reports it and continues
         result = Result(run.number, Status.FAILED, f"the emulator failed: {type(error).__name__}: {error}")
-    return msgspec.structs.replace(
+    return replace(
         result,
         failure=readable(result.failure)[:_LONGEST],
         cpu_s=_processor_s() - used,
@@ -100,11 +106,15 @@ def _processor_s() -> float:
 
 def _script(plan: Plan, run: Run) -> Result:
     try:
-        outcome = execute(parsed(plan.command(run)[2:]), lambda _: None)
+        options = parsed(plan.command(run)[2:])
+        outcome = execute(options, lambda _: None)
+        if outcome.status == SUCCESS:
+            return Result(run.number, Status.PASSED, outcome.failure, outcome.robot_s)
+        journal = b"" if options.answer else execute(options, lambda _: None, record=True).journal  # the same run again
     except ValueError as error:
         return Result(run.number, Status.REFUSED, str(error))
-    status = Status.PASSED if outcome.status == SUCCESS else Status.FAILED
-    return Result(run.number, status, outcome.failure, outcome.robot_s)
+    files = {"run.journal": journal} if journal else {}
+    return Result(run.number, Status.FAILED, outcome.failure, outcome.robot_s, files=files)
 
 
 # pytest: one process per run, because tests may leave anything behind in their process
@@ -113,7 +123,8 @@ def _script(plan: Plan, run: Run) -> Result:
 def _pytest(plan: Plan, run: Run) -> Result:
     with tempfile.TemporaryDirectory(prefix="ur-campaign-") as folder:
         report = Path(folder, "report.xml")
-        words = [*plan.command(run)[1:], "-p", "no:cacheprovider", f"--junitxml={report}"]
+        own = [f"--junitxml={report}", f"--basetemp={Path(folder, 'tests')}"]
+        words = [*plan.command(run)[1:], "-p", "no:cacheprovider", *own]
         command = [sys.executable, "-m", "pytest", *words]
         try:
             ended = subprocess.run(
@@ -122,10 +133,18 @@ def _pytest(plan: Plan, run: Run) -> Result:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 timeout=plan.limit_s,
+                env={**os.environ, "TMPDIR": folder},  # for crash reports
             )
         except subprocess.TimeoutExpired:
-            return Result(run.number, Status.FAILED, f"not finished within {plan.limit_s:g} s")
-        return _judged(run, ended.returncode, report, ended.stdout.decode(errors="replace"))
+            failure = f"not finished within {plan.limit_s:g} s"
+            return Result(run.number, Status.FAILED, failure, files=_evidence(Path(folder)))
+        result = _judged(run, ended.returncode, report, ended.stdout.decode(errors="replace"))
+        return replace(result, files=_evidence(Path(folder))) if result.status is Status.FAILED else result
+
+
+def _evidence(folder: Path) -> dict[str, bytes]:
+    """The journals and crash reports in a folder, by name."""
+    return {file.name: file.read_bytes() for kind in _EVIDENCE for file in folder.rglob(kind)}
 
 
 def _judged(run: Run, status: int, report: Path, output: str) -> Result:
