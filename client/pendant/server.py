@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from fastapi import Response, WebSocket
-from fastapi.responses import PlainTextResponse, StreamingResponse
+from fastapi.responses import HTMLResponse, PlainTextResponse, StreamingResponse
 from nicegui import Client, app, ui
 
 from client.errors import CameraError, PortTakenError
@@ -20,6 +20,8 @@ from client.pendant.live import Live
 from client.pendant.page import Page
 from client.pendant.screens import SCREENS
 from client.pendant.station import Station
+from client.pendant.traces import POLICY, opened_files
+from client.pendant.traces import ROUTE as TRACES
 from client.pendant.web_security import BROWSERS, Gate, InvalidMessages, guard_events, shorten_library_logs
 from urproto.backdoors import BackdoorMark
 from urproto.trace import STATIC
@@ -89,6 +91,12 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None], key
         except CameraError as error:
             return PlainTextResponse(f"{error}\n", 502)
         return StreamingResponse(content, media_type=content_type, headers=_NO_STORE)
+
+    @app.get(f"{TRACES}/{{token}}")
+    async def trace(token: str) -> Response:
+        if (content := opened_files.page(token)) is None:
+            return PlainTextResponse("This page is no longer kept: open the file again.\n", 404)
+        return HTMLResponse(content, headers={**_NO_STORE, "content-security-policy": POLICY})
 
     @app.websocket("/live/{page_id}")
     async def live(web_socket: WebSocket, page_id: str) -> None:

@@ -20,6 +20,7 @@ from fastapi.responses import PlainTextResponse, RedirectResponse
 from nicegui import core
 
 from client.pendant.cameras import ROUTE
+from client.pendant.traces import ROUTE as TRACES
 from urproto.log_throttle import LogThrottle
 
 BROWSERS: Final = "/browsers"
@@ -29,7 +30,7 @@ _UNAUTHORIZED, _FORBIDDEN, _SEE_OTHER = 401, 403, 303
 _POLICY_VIOLATION: Final = 1008  # web socket status for what is not permitted
 _MAX_PAGES: Final = 200  # guess: one per browser; those that have not connected yet count, too
 _MAX_KINDS: Final = 32
-_FILES: Final = ("/pendant/", "/_nicegui/", f"{ROUTE}/")
+_FILES: Final = ("/pendant/", "/_nicegui/", f"{ROUTE}/", f"{TRACES}/")
 _MAX_LINE: Final = 300  # characters of a line about an invalid message
 _LOGGERS: Final = ("uvicorn.error", "engineio.server", "socketio.server", "nicegui", "asyncio")
 _SOURCE: Final = Path(__file__).parents[2]
@@ -217,7 +218,9 @@ def _with_headers(send: Any, nonce: str) -> Any:
 
     async def add(message: Any) -> None:
         if message["type"] == "http.response.start":
-            headers = [*message["headers"], *_FIXED_HEADERS, (b"content-security-policy", policy)]
+            headers = [*message["headers"], *_FIXED_HEADERS]
+            if not any(name == b"content-security-policy" for name, _ in headers):
+                headers.append((b"content-security-policy", policy))
             message = {**message, "headers": headers}
         await send(message)
 

@@ -30,7 +30,7 @@ def test_a_campaign_writes_its_files_prints_a_summary_and_exits_with_a_status(tm
     assert ran.returncode == 1, ran.stderr  # some failed
     assert "trial-results/report.html" in ran.stdout
     files = {path.name for path in (tmp_path / "trial-results").iterdir()}
-    assert files == {"journal.jsonl", "report.html", "results.parquet"}
+    assert files == {"journal.jsonl", "report.html", "results.parquet", "failed_runs"}
 
     again = campaign("trial.yaml", "--minimise", "0", folder=tmp_path)
     assert "12 of 12 runs are already done" in again.stdout

@@ -17,6 +17,7 @@ from emulator.campaign.plan import Plan, read_plan
 from emulator.campaign.report import write_report
 from emulator.campaign.work import Result, Status, installed_version
 from emulator.config import ConfigError
+from emulator.journal.replay import Replay
 
 VERSION = installed_version()
 
@@ -154,6 +155,26 @@ def test_one_failed_run_of_each_kind_is_reduced_to_a_minimum(tmp_path: Path) -> 
     for result in results:
         shown = f"<td class=n>{result.run}<td>" in page
         assert shown == (result.status is Status.FAILED)
+
+
+def test_failed_runs_leave_journals_that_can_be_replayed(tmp_path: Path) -> None:
+    text = CAMPAIGN.replace(
+        "limit_s", "options: {input: [digital3=1@0.1, tool-analog1=2@0.1], register: [float3=2]}\nlimit_s"
+    )
+    plan = read_plan(write(tmp_path, text))
+    results = conducted(plan, tmp_path / "out")
+    with Journal(tmp_path / "out", plan, VERSION) as journal:
+        write_report(tmp_path / "out" / "report.html", plan, journal, {})
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert any(result.files for result in results)
+    for result in results:
+        assert list(result.files) == [f"failed_runs/{result.run}_run.journal"] * (result.status is Status.FAILED)
+        for name in result.files:
+            assert f"ur-emulator trace {name}" in page
+            with Replay(tmp_path / "out" / name) as replay:
+                replay.run()
+                assert replay.difference is None
+                assert replay.controller.time_s - 41.0 == pytest.approx(result.robot_s)
 
 
 def test_a_report_escapes_any_text(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from emulator.virtual import virtual_robot
 from tests.pendant.conftest import eventually
 from urproto.trace.page import run_in
 
@@ -49,6 +50,30 @@ def test_the_run_so_far_can_be_downloaded_as_a_page(rig, open_page, tmp_path):
     file = tmp_path / "run.html"
     download.value.save_as(file)
     assert run_in(file)
+
+
+def test_a_journal_of_any_run_is_opened_in_another_tab_and_other_files_are_refused(rig, open_page, tmp_path):
+    run = virtual_robot("ur3", running=True)
+    run.send_script('textmsg("of another robot")')
+    run.step(100)
+    file, garbage = tmp_path / "of <b>monday.journal", tmp_path / "garbage.mcap"
+    file.write_bytes(run.journal)
+    garbage.write_bytes(b"?" * 1000)
+    page = open_page("log")
+    field = page.get_by_test_id("log-file").locator("input[type=file]")
+    field.set_input_files(garbage)
+    expect(page.get_by_text("garbage.mcap")).to_be_visible(timeout=120_000)
+    expect(page.get_by_test_id("log-opened")).to_be_hidden()
+    field.set_input_files(file)
+    link = page.get_by_test_id("log-opened")
+    expect(link).to_have_text(f"Show {file.name}", timeout=120_000)
+    with page.expect_popup() as popup:
+        link.click()
+    opened = popup.value
+    opened.wait_for_selector("body[data-ready]")
+    expect(opened.get_by_text("of another robot").first).to_be_visible()
+    opened.locator("#end").click()
+    expect(opened.locator("#clock")).to_contain_text("41.8")
 
 
 @pytest.mark.long

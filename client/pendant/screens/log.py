@@ -8,10 +8,11 @@ from nicegui import ui
 
 from client.pendant.events import MAX_SHOWN, SEVERITIES, Event, LogView, Severity, as_csv, as_text
 from client.pendant.page import Page
-from client.pendant.traces import page_of_run
+from client.pendant.traces import OPENED, opened_files, page_of_run
 from urproto.text import to_bytes
 
 _ICONS: Final[dict[Severity, str]] = {"info": "info", "warning": "warning", "error": "error"}
+_MOST_MB: Final = 64  # of a file that is opened; guess: more than any journal in memory
 _HEADERS: Final = ("Time", "Uptime [s]", "", "Source", "Code", "Text")
 
 
@@ -30,6 +31,7 @@ def build(page: Page) -> None:
             _tool_button("description", "Download as text", lambda: _download(view, as_text, "txt"), "log-text")
             _tool_button("table_view", "Download as CSV", lambda: _download(view, as_csv, "csv"), "log-csv")
             _trace_button(page)
+            _open_button(page)
         _lines(page, view)
 
 
@@ -89,6 +91,20 @@ def _trace_button(page: Page) -> None:
 
     button = _tool_button("movie", "Download the run as a page", page.handler(download), "log-trace")
     page.show_if(button, lambda station: station.emulator.available and "journal" in station.emulator.verbs)
+
+
+def _open_button(page: Page) -> None:
+    link = ui.link("", new_tab=True).props("data-testid=log-opened")
+    link.set_visibility(False)
+
+    async def show(content: bytes, name: str) -> None:
+        page.show_message("The page of the file is created.")
+        link.props["href"] = await opened_files.open(content, name)
+        link.set_text(f"Show {name}")
+        link.set_visibility(True)
+
+    choose = page.picker(",".join(OPENED), "log-file", show, "A journal or a recording", _MOST_MB)
+    _tool_button("folder_open", "Open a journal or a recording", choose, "log-open")
 
 
 def _file_name(what: str) -> str:
