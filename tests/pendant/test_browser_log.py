@@ -56,13 +56,13 @@ def test_a_journal_of_any_run_is_opened_in_another_tab_and_other_files_are_refus
     run = virtual_robot("ur3", running=True)
     run.send_script('textmsg("of another robot")')
     run.step(100)
-    file, garbage = tmp_path / "of <b>monday.journal", tmp_path / "garbage.mcap"
+    file, garbage = tmp_path / "of <b>monday.journal", tmp_path / "garbage.html"
     file.write_bytes(run.journal)
     garbage.write_bytes(b"?" * 1000)
     page = open_page("log")
     field = page.get_by_test_id("log-file").locator("input[type=file]")
     field.set_input_files(garbage)
-    expect(page.get_by_text("garbage.mcap")).to_be_visible(timeout=120_000)
+    expect(page.get_by_text("garbage.html is not the page of a trace")).to_be_visible(timeout=120_000)
     expect(page.get_by_test_id("log-opened")).to_be_hidden()
     field.set_input_files(file)
     link = page.get_by_test_id("log-opened")
