@@ -210,7 +210,7 @@ def stimulus(text: str, known: Mapping[str, Known] = _INPUTS | _REGISTERS) -> St
         raise ValueError(f"{text!r} is not of the form NAME=VALUE or NAME=VALUE@SECONDS")
     kind, number = match[1], int(match[2])
     if kind not in known or number >= known[kind][0]:
-        names = ", ".join(f"{name}0 to {count - 1}" for name, (count, _) in known.items())
+        names = ", ".join(f"{name}0 to {count - 1}" for name, (count, *_) in known.items())
         raise ValueError(f"there is no {kind}{number}: choose from {names}")
     value = _TRUTHS.get(match[3].lower())
     value = _number(match[3]) if value is None else value
