@@ -15,6 +15,8 @@ from functools import partial
 from typing import Any, Final
 
 from emulator.builtins.host import ProgramHost
+from emulator.control.modes import SignalVerbs
+from emulator.control.verbs import ServedRobot
 from emulator.controller import Controller
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import (
@@ -35,12 +37,16 @@ _SECONDARY_FAILED: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """An action on the controller at a time [s] of the run. verb, arguments: that do the same."""
+    """A verb that acts on the signals or registers of the controller at a time [s] of the run."""
 
     at_s: float
-    apply: Callable[[Controller], None]
     verb: str
     arguments: Mapping[str, Any]
+
+    def apply(self, controller: Controller) -> None:
+        """Do it now."""
+        call = getattr(SignalVerbs(ServedRobot(controller)), self.verb)
+        act(controller, self.verb, self.arguments, partial(call, **self.arguments))
 
 
 def act(controller: Controller, verb: str, arguments: Mapping[str, Any], call: Callable[[], Any]) -> None:
@@ -112,8 +118,7 @@ class Batch:
         if self.done:
             return
         while self._stimuli and self._stimuli[0].at_s <= self.time_s:
-            stimulus = self._stimuli.popleft()
-            act(self._controller, stimulus.verb, stimulus.arguments, partial(stimulus.apply, self._controller))
+            self._stimuli.popleft().apply(self._controller)
         self._submit()
         for message in self._controller.tick().messages:
             self._reporters.get(message.__class__, lambda _: None)(message)

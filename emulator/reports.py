@@ -5,6 +5,7 @@ each kind are kept, and five journals. Their contents are the emulator's own. Th
 that it contains all flight reports, come from the e-Series dashboard manual.
 """
 
+import logging
 import tempfile
 import zipfile
 from calendar import isleap, monthrange
@@ -33,6 +34,8 @@ _PIECE: Final = 16 * 1024  # bytes that are compressed in one step
 _BYTES_PER_WORK: Final = 20  # measured: 40 to 60 ns for a byte of a log
 _REPORT_WORK: Final = 1000  # [units of `urscript.work`]; measured: a millisecond
 _FILE_WORK: Final = 300  # for creating or deleting a file (guess)
+
+_logger = logging.getLogger(__name__)
 
 
 def write_log(machine: Machine) -> Waiting[None]:
@@ -106,10 +109,15 @@ def stop_journal(machine: Machine) -> Path:
     return _directory(machine) / f"{_STOP}{machine.serial_number}_{machine.step_count}.journal"
 
 
-def write_stop_journal(path: Path, journal: bytes) -> None:
-    """Write the journal of a stop, from any thread; older ones are deleted. Raises OSError."""
-    _rotate(path.parent, f"{_STOP}*.journal", _STOPS_KEPT)
-    write_file(path, journal)
+def write_stop_journal(path: Path, stop: str, journal: bytes) -> None:
+    """Write the journal of a stop, from any thread; older ones are deleted. The log says where it is."""
+    try:
+        _rotate(path.parent, f"{_STOP}*.journal", _STOPS_KEPT)
+        write_file(path, journal)
+    except OSError as error:
+        _logger.warning("%s: the journal of the run could not be written: %s", stop, error)
+    else:
+        _logger.warning("%s: ur-emulator trace %s shows it, ur-emulator replay %s executes it again", stop, path, path)
 
 
 def write_crash(machine: Machine, source: str | None, stage: str, trace: str) -> Path:

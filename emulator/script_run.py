@@ -21,35 +21,27 @@ from emulator.services.sockets import ScriptNetwork
 from urproto.entry import SUCCESS, TROUBLE, usage_error
 from urproto.robots import RobotModel
 from urproto.robots.model import Joints
-from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
 
 if TYPE_CHECKING:
     from emulator.faults.injector import FaultInjector
 
-Setter: TypeAlias = Callable[[Controller, int, float], Any]
-Known: TypeAlias = tuple[int, Setter, str, dict[str, Any]]  # how many there are, a function and a verb that set one
+Known: TypeAlias = tuple[int, str, dict[str, Any]]  # how many there are, and the verb that sets one
 
 INTERRUPTED: Final = "interrupted"  # the failure of a run that was ended by Ctrl-C
 _NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")
-_DIGITAL, _ANALOG, _REGISTER = "set_digital_input", "set_analog_input", "set_input_register"  # verbs
 _INPUTS: Final[dict[str, Known]] = {
-    "digital": (8, lambda c, n, value: c.signals.set_digital_input(STANDARD, n, bool(value)), _DIGITAL, {}),
-    "configurable": (
-        8,
-        lambda c, n, value: c.signals.set_digital_input(CONFIGURABLE, n, bool(value)),
-        _DIGITAL,
-        {"group": "configurable"},
-    ),
-    "tool": (2, lambda c, n, value: c.signals.set_digital_input(TOOL, n, bool(value)), _DIGITAL, {"group": "tool"}),
-    "analog": (2, lambda c, n, value: c.signals.analog_inputs.__setitem__(n, value), _ANALOG, {}),
-    "tool-analog": (2, lambda c, n, value: c.signals.tool_analog_inputs.__setitem__(n, value), _ANALOG, {"tool": True}),
+    "digital": (8, "set_digital_input", {"group": "standard"}),
+    "configurable": (8, "set_digital_input", {"group": "configurable"}),
+    "tool": (2, "set_digital_input", {"group": "tool"}),
+    "analog": (2, "set_analog_input", {"tool": False}),
+    "tool-analog": (2, "set_analog_input", {"tool": True}),
 }
 _REGISTERS: Final[dict[str, Known]] = {
-    "bool": (128, lambda c, n, value: c.registers.input.set_bit(n, bool(value)), _REGISTER, {"kind": "bit"}),
-    "int": (48, lambda c, n, value: c.registers.input.set_int(n, int(value)), _REGISTER, {"kind": "int"}),
-    "float": (48, lambda c, n, value: c.registers.input.set_double(n, value), _REGISTER, {"kind": "double"}),
+    "bool": (128, "set_input_register", {"kind": "bit"}),
+    "int": (48, "set_input_register", {"kind": "int"}),
+    "float": (48, "set_input_register", {"kind": "double"}),
 }
 _TRUTHS: Final = {"true": 1.0, "false": 0.0}
 
@@ -214,12 +206,11 @@ def stimulus(text: str, known: Mapping[str, Known] = _INPUTS | _REGISTERS) -> St
         raise ValueError(f"there is no {kind}{number}: choose from {names}")
     value = _TRUTHS.get(match[3].lower())
     value = _number(match[3]) if value is None else value
-    _, set_it, verb, arguments = known[kind]
-    level = {"level": bool(value)} if verb is _DIGITAL else {"value": value}
+    _, verb, arguments = known[kind]
+    level = {"level": bool(value)} if verb == "set_digital_input" else {"value": value}
     if kind == "int" and not (value.is_integer() and abs(value) < 2**31):
         raise ValueError(f"{text!r}: an int register takes a 32-bit integer")
-    at_s, named = _number(match[4] or "0"), {**arguments, "index": number, **level}
-    return Stimulus(at_s, lambda controller: set_it(controller, number, value), verb, named)
+    return Stimulus(_number(match[4] or "0"), verb, {**arguments, "index": number, **level})
 
 
 def _joints(texts: Sequence[str], model: RobotModel) -> Joints:

@@ -8,14 +8,14 @@ import inspect
 from base64 import b64encode
 from collections.abc import Callable, Mapping
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from emulator.control.installation import InstallationVerbs
 from emulator.control.modes import ModeVerbs, SignalVerbs
 from emulator.control.programs import ProgramVerbs
 from emulator.control.state import StateVerbs
 from emulator.control.timing import Pace, TimeVerbs
-from emulator.control.verbs import ControlledRobot, Verbs, Waiting, methods_of, verb
+from emulator.control.verbs import ControlledRobot, ServedRobot, Verbs, Waiting, methods_of, verb
 from emulator.control.world import WorldVerbs
 from emulator.controller import Controller
 from emulator.faults.catalogue import kinds, make_fault
@@ -195,13 +195,6 @@ class Control(VerbMethods):
             return recorder.called(name, arguments, lambda: method(*values, **named), self.client)
 
         return call
-
-
-class ServedRobot(ControlledRobot):
-    """A controller that something else drives, which continues the steps of a verb after each control period."""
-
-    def wait(self, steps: Waiting[_T]) -> _T:
-        return cast(_T, steps)
 
 
 class LiveControl(Control, _MethodsOfPorts):

@@ -1,7 +1,6 @@
 """Journals that are written by themselves: when the robot has stopped unexpectedly, with the second that follows."""
 
-import logging
-from pathlib import Path
+from functools import partial
 from typing import Final
 
 from emulator import reports
@@ -18,8 +17,6 @@ _UNEXPECTED: Final = (
 )
 _AFTER_S: Final = 1.0  # of the run that follows the stop (guess)
 _EVERY_S: Final = 60.0  # at most: a journal has the stops before it as well (guess)
-
-_logger = logging.getLogger(__name__)
 
 
 class StopJournals:
@@ -50,14 +47,4 @@ class StopJournals:
         if stop is None:
             return
         self._not_before_s = recorder.periods * controller.period_s + _EVERY_S
-        path = reports.stop_journal(controller)
-        recorder.save(lambda journal: _write(path, journal, stop.name))
-
-
-def _write(path: Path, journal: bytes, stop: str) -> None:
-    try:
-        reports.write_stop_journal(path, journal)
-    except OSError as error:
-        _logger.warning("%s: the journal of the run could not be written: %s", stop, error)
-        return
-    _logger.warning("%s: ur-emulator trace %s shows the run, ur-emulator replay %s executes it again", stop, path, path)
+        recorder.save(partial(reports.write_stop_journal, reports.stop_journal(controller), stop.name))

@@ -3,18 +3,13 @@
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from emulator.mailbox import Command
+from emulator.servers.connection import Connection
 from emulator.servers.port import Reply, ServedController
 
 _MAX_WAITING: Final = 64  # requests of one connection; above that, reading from it pauses (guess)
-
-
-class Client(Protocol):
-    """Who sends commands. peer: its address and port."""
-
-    peer: str
 
 
 class CommandQueue:
@@ -30,7 +25,7 @@ class CommandQueue:
         read_on: Callable[[bool], None],
         max_unanswered: int = 1,
         *,
-        client: Client | None = None,
+        client: Connection | None = None,
     ) -> None:
         self._client = client
         self._controller = controller

@@ -298,7 +298,7 @@ async def test_the_journals_of_unexpected_stops_are_written_by_themselves(tmp_pa
         clock.step(300)
     (journal,) = (file for file in tmp_path.glob("stop_*.journal") if file.stat().st_size)
     assert len(list(tmp_path.glob("stop_*.journal"))) == 5
-    assert f"PROTECTIVE_STOP: ur-emulator trace {journal} shows the run" in caplog.text
+    assert f"PROTECTIVE_STOP: ur-emulator trace {journal} shows it" in caplog.text
     with Replay(journal) as replay:
         replay.run(parse_condition("safety_mode == PROTECTIVE_STOP"))
         stopped = replay.periods
