@@ -308,6 +308,7 @@ bool await(struct waiter *w, int64_t until)
     *end = w;
     w->next = NULL;
     looks = 0;
+    slot->waits++;
     if (w->key)
         keyed++;
     if (w->n) {
@@ -404,6 +405,7 @@ int ready(const struct pollfd *wanted, nfds_t n, int64_t until)
 void begin_call(void)
 {
     lock();
+    mine->waits++;
     mine->until = NEVER;
     mine->state = WAITING;
     S->running--;
@@ -439,6 +441,9 @@ void look(void)
 }
 
 /* ---- the agent ---- */
+
+/* clock_gettime(2): the processor time of a thread of this process. */
+static clockid_t processor_clock(int tid) { return (clockid_t)(~(unsigned)tid << 3 | 6); }
 
 static char state_of(int tid, long *switches)
 {
@@ -484,49 +489,50 @@ static void forget_process(int pid)
 /* Called while nothing happens, with the lock: find threads that wait in unknown ways, or that compute for long. */
 static void watch(bool idle)
 {
-    static struct { int tid; long switches; } asleep[SLOTS];
-    static int64_t processor_ns;
-    int64_t used_ns = real_time(CLOCK_PROCESS_CPUTIME_ID);
-    if (!idle)
-        processor_ns = used_ns;
-    for (struct slot *s = S->slots; idle && s < S->slots + S->used; s++) {
+    static struct { int tid; long switches; uint32_t waits; int64_t began_ns, passed_ns; } seen[SLOTS];
+    int64_t passed_ns = 0;
+    for (struct slot *s = S->slots; s < S->slots + S->used; s++) {
         if (s->state == FREE)
             continue;
-        if ((s->pid != P->pid && gone(s->pid)) || (s->state == EXPECTED && real_now() - s->until > EXPECTED_NS)) {
-            s->state == EXPECTED ? free_slot(s) : forget_process(s->pid);
+        if (idle && s->pid != P->pid && gone(s->pid))
+            forget_process(s->pid);
+        else if (idle && s->state == EXPECTED && real_now() - s->until > EXPECTED_NS)
+            free_slot(s);
+        if (s->pid != P->pid || s->state != RUNNING || s->tid < 0)
             continue;
-        }
-        if (s->pid != P->pid || s->state != RUNNING)
-            continue;
-        long switches, *before = &asleep[s - S->slots].switches;
-        bool sleeps = !s->locking && state_of(s->tid, &switches) == 'S';
-        if (sleeps && asleep[s - S->slots].tid == s->tid && *before == switches) {
+        __typeof__(*seen) *before = &seen[s - S->slots];
+        int64_t used_ns = real_time(processor_clock(s->tid));
+        if (before->tid != s->tid || before->waits != s->waits)
+            *before = (__typeof__(*seen)){s->tid, -1, s->waits, used_ns, 0};
+        long switches;
+        bool sleeps = idle && !s->locking && state_of(s->tid, &switches) == 'S';
+        if (sleeps && before->switches == switches) {
             s->state = STRAY;
             S->strays++;
             S->running--;
             S->activity++;
         }
-        asleep[s - S->slots].tid = sleeps ? s->tid : 0;
-        *before = switches;
+        before->switches = sleeps ? switches : -1;
+        int64_t over_ns = used_ns - before->began_ns - BUSY_NS - before->passed_ns;
+        if (over_ns > passed_ns)
+            passed_ns = over_ns;
+        if (over_ns > 0)
+            before->passed_ns += over_ns;
+        /* a thread of CPython that wants its lock asks for it after 5 ms: of processor time, as our clock stands still */
+        for (struct waiter *w = waiters; w && used_ns - before->began_ns > GIL_NS; w = w->next)
+            if (w->switching && w->slot->state == WAITING) {
+                w->early = true;
+                run(w->slot);
+                ring(w->slot);
+            }
     }
     for (struct waiter *w = waiters; idle && w; w = w->next)
         if (w->shared && w->slot->state == WAITING) {
             run(w->slot);
             ring(w->slot);
         }
-    /* A thread of CPython that wants its lock asks for it after 5 ms: of processor time, as our clock stands still. */
-    static int64_t switched_ns;
-    for (struct waiter *w = waiters; w && used_ns - switched_ns > GIL_NS; w = w->next)
-        if (w->switching && w->slot->state == WAITING) {
-            w->early = true;
-            run(w->slot);
-            ring(w->slot);
-        }
-    switched_ns = used_ns;
-    if (used_ns - processor_ns > BUSY_NS && S->running && S->released) {
-        set_clock(S->now + WATCH_NS);
-        processor_ns = used_ns - BUSY_NS + WATCH_NS;
-    }
+    if (passed_ns && S->released)
+        set_clock(S->now + passed_ns);
     settle();
 }
 

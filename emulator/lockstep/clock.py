@@ -19,12 +19,12 @@ from types import TracebackType
 from typing import Final
 
 from emulator.config import ConfigError
+from emulator.realtime import SHARED_CLOCK
 from urproto.compat import Self
 
 _SOURCES: Final = [Path(__file__).with_name(name) for name in ("clock.c", "calls.c")]
 _HEADER: Final = Path(__file__).with_name("lockstep.h")
 _COMPILER_OPTIONS: Final = ("-O2", "-shared", "-fPIC")
-_VARIABLE: Final = "UR_LOCKSTEP"  # with the path of the shared file
 _SIZE: Final = 1 << 18  # of the file, more than the library needs: it is sparse
 # how its contents begin
 _SPEED: Final = struct.Struct("d")
@@ -67,7 +67,7 @@ class SharedClock:
     def environment(self) -> dict[str, str]:
         """Variables for a process that is to have this clock."""
         others = os.environ.get("LD_PRELOAD", "")
-        return {"LD_PRELOAD": f"{self._library} {others}".strip(), _VARIABLE: str(self._file)}
+        return {"LD_PRELOAD": f"{self._library} {others}".strip(), SHARED_CLOCK: str(self._file)}
 
     @property
     def time_s(self) -> float:

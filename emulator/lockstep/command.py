@@ -46,8 +46,7 @@ def _exec(
         if not without_robot:
             configure(**robot)  # reports wrong options in one line
             given = {name: value for name, value in robot.items() if _is_given(context, name) and name != "host"}
-            arguments = [*command_line(given), "--realtime", "off"]
-            emulator = EmulatorProcess(arguments, robot["host"], robot["control_token"], environment=clock.environment)
+            emulator = EmulatorProcess(command_line(given), robot["host"], robot["control_token"], environment=clock.environment)
             try:
                 running.enter_context(emulator)
             except EmulatorError as error:

@@ -56,6 +56,7 @@ struct slot {
     int32_t pid, tid;
     uint32_t state, wakes; /* wakes: a futex */
     bool locking;          /* it waits for our lock */
+    uint32_t waits;        /* how often it has waited */
     int32_t bell;          /* event descriptor of its process that ends a wait for descriptors */
     int64_t until;         /* WAITING: shared clock; EXPECTED: real time since when */
     uint64_t thread;
