@@ -29,6 +29,11 @@ _COMMANDS: Final = (
         "Run programs or tests many times in virtual time, on all cores or a cluster.",
     ),
     ("facts", "emulator.facts_command:app", "Print what is known and what is guessed about a PolyScope version."),
+    (
+        "exec",
+        "emulator.lockstep.command:app",
+        "Run an unmodified program with an emulator, faster than real time, on a clock that waits for both.",
+    ),
     ("ctl", "emulator.ctl:app", "Use the control API of a running emulator: inputs, buttons, faults, time."),
     (
         "replay",

@@ -17,6 +17,9 @@ from typing import Final
 
 from urproto.compat import StrEnum
 
+SHARED_CLOCK: Final = "UR_LOCKSTEP"
+"""Environment variable that names the clock of `ur-emulator exec`, for processes that share it."""
+
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_ flags of mlockall(2)
 _PRIORITY: Final = 1  # the lowest real-time priority
 _DESCRIPTORS: Final = 4096  # for which room is made in advance (guess): more clients than in any test
@@ -65,8 +68,8 @@ def claim_real_time(wanted: RealTime = RealTime.AUTO) -> list[str]:
     _reserve_descriptors()
     if wanted is not RealTime.ON:  # which loads every page
         _return_code_of_startup()
-    if wanted is RealTime.OFF:
-        return []
+    if wanted is RealTime.OFF or SHARED_CLOCK in os.environ:
+        return []  # a clock that waits for everyone needs no priority
     granted = {"SCHED_FIFO": _take_priority(), "memory locked": _lock_memory(everything=wanted is RealTime.ON)}
     missing = [name for name, given in granted.items() if not given]
     if missing and wanted is RealTime.ON:

@@ -26,7 +26,7 @@ EMULATOR_LEVELS = (
     ("app", "batch", "peers", "check", "ctl", "facts_command", "options"),
     ("first_screen", "pendant_process", "script_run", "script_options", "branches"),
     ("serve", "scripttest", "virtual"),
-    ("debugger", "learning", "replay_command", "trace_command"),
+    ("debugger", "learning", "lockstep", "replay_command", "trace_command"),
     ("script_cli",),
     ("fleet", "campaign", "explore"),
     ("cli",),

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from urproto.compat import Self
@@ -110,11 +111,17 @@ class EmulatorProcess:
     (or leaving it).
 
     host: its address; by default, it gets its own. On machines with a single loopback address, it uses free ports
-    instead. token: required by its control API. Verbs of the control API are methods:
+    instead. token: required by its control API. environment: variables in addition to those of this process. Verbs of the control API are methods:
     ``robot.press_emergency_stop()``; ``control`` has all of them, including those whose names mean something else here.
     """
 
-    def __init__(self, arguments: Sequence[str] = (), host: str | None = None, token: str = "") -> None:
+    def __init__(
+        self,
+        arguments: Sequence[str] = (),
+        host: str | None = None,
+        token: str = "",
+        environment: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         self._address = None if host else claim_address()
         self.host: str = host or (self._address.host if self._address else "")
         self._arguments = [*arguments]
@@ -123,6 +130,7 @@ class EmulatorProcess:
         if token:
             self._arguments += ["--control-token", token]
         self._token = token
+        self._environment = environment
         self._folder = tempfile.TemporaryDirectory(prefix="ur-emulator-")
         self._process: subprocess.Popen[bytes] | None = None
         self._control: RemoteControl | None = None
@@ -148,7 +156,13 @@ class EmulatorProcess:
         command = [sys.executable, launch.__file__, *place, *self._arguments]
         self._ended_here = False
         with self._output_file.open("wb") as output:
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT)
+            self._process = subprocess.Popen(
+                command,
+                env={**os.environ, **self._environment},
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
         return self.wait_ready() if wait else self
 
     def wait_ready(self, timeout_s: float = _START_DEADLINE_S) -> Self:

@@ -1,0 +1,1 @@
+"""``ur-emulator exec``: an emulator and unmodified programs that share a clock, which waits for all of them."""

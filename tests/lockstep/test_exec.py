@@ -1,0 +1,169 @@
+"""``ur-emulator exec``: programs that nobody changed, in time of their own."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from emulator.config import ConfigError
+from emulator.lockstep.clock import SharedClock, check_program
+from urproto.testing.process import claim_address
+
+if sys.platform != "linux":
+    pytest.skip("the shared clock is a library for Linux", allow_module_level=True)
+
+LIMIT_S = 300.0  # of real time, for what takes seconds: only a clock that stands still reaches it
+SERVO = """
+import math, sys
+import rtde_control, rtde_receive
+import socket, time
+
+host = sys.argv[1]
+with socket.create_connection((host, 29999)) as line, line.makefile("rw") as file:
+    file.readline()
+    for command in ("power on", "brake release"):
+        print(command, file=file, flush=True)
+        file.readline()
+    answer = ""
+    while "RUNNING" not in answer:
+        time.sleep(0.1)
+        print("robotmode", file=file, flush=True)
+        answer = file.readline()
+control = rtde_control.RTDEControlInterface(host, 125.0)
+receive = rtde_receive.RTDEReceiveInterface(host, 125.0)
+start, q = time.monotonic(), receive.getActualQ()
+base, stamp, worst = q[0], receive.getTimestamp(), 0.0
+for step in range(1000):
+    period = control.initPeriod()
+    q[0] = base + 0.1 * math.sin(step / 80)
+    control.servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)
+    worst = max(worst, abs(receive.getActualQ()[0] - q[0]))
+    control.waitPeriod(period)
+print(f"{time.monotonic() - start:.2f} {receive.getTimestamp() - stamp:.2f} {worst:.4f}")
+control.servoStop()
+control.stopScript()
+"""
+
+
+def run(*command: str, options: tuple[str, ...] = ("--without-robot",)) -> "subprocess.CompletedProcess[str]":
+    whole = [sys.executable, "-m", "emulator", "exec", *options, "--", *command]
+    return subprocess.run(whole, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "program"),
+    [
+        pytest.param(86_400, "time.sleep(86400)", id="sleep"),
+        pytest.param(3600, "asyncio.run(asyncio.sleep(3600))", id="event loop"),
+        pytest.param(600, "select.select([], [], [], 600)", id="select"),
+        pytest.param(500, "threading.Event().wait(500)", id="lock"),
+        pytest.param(
+            700,
+            "threads = [threading.Thread(target=time.sleep, args=(s,)) for s in (300, 700)]\n"
+            "[t.start() for t in threads]\n[t.join() for t in threads]",
+            id="threads",
+        ),
+        pytest.param(
+            30, "a, b = socket.socketpair()\na.settimeout(30)\ntry: a.recv(1)\nexcept TimeoutError: pass", id="socket"
+        ),
+        pytest.param(
+            20, "subprocess.run([sys.executable, '-c', 'import time; time.sleep(20)'], check=True)", id="child"
+        ),
+        pytest.param(40, "subprocess.run('sleep 30 & sleep 40; wait', shell=True, check=True)", id="shell"),
+        pytest.param(5, "while time.monotonic() < began + 5: pass", id="looks at the clock only"),
+        pytest.param(
+            9,
+            "threading.Thread(target=time.sleep, args=(9,)).start()\n"
+            "while threading.active_count() > 1: time.sleep(0.001)",
+            id="polls",
+        ),
+    ],
+)
+def test_time_passes_only_while_all_wait(program: str, seconds: float) -> None:
+    imports = "import asyncio, select, socket, subprocess, sys, threading, time"
+    text = f"{imports}\nbegan = time.monotonic()\n{program}\nprint(time.monotonic() - began)"
+    done = run(sys.executable, "-c", text)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == pytest.approx(seconds, rel=0.003, abs=0.02)
+
+
+def test_programs_exchange_messages_without_losing_time() -> None:
+    """A thousand messages and answers between two processes take no time; each pause takes what it says."""
+    text = """
+import socket, subprocess, sys, time
+if len(sys.argv) > 1:
+    peer = socket.create_connection(("127.0.0.1", int(sys.argv[1])))
+    while data := peer.recv(64):
+        time.sleep(0.01)
+        peer.sendall(data)
+else:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        child = subprocess.Popen([sys.executable, sys.orig_argv[-1], str(server.getsockname()[1])])
+        peer, _ = server.accept()
+        began = time.monotonic()
+        for n in range(1000):
+            peer.sendall(b"%d" % n)
+            assert peer.recv(64) == b"%d" % n
+        print(round(time.monotonic() - began, 6))
+        peer.close()
+        child.wait()
+"""
+    file = Path(os.environ["TMPDIR"], "exchange.py")
+    file.write_text(text)
+    done = run(sys.executable, str(file))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert float(done.stdout) == pytest.approx(10.0, abs=0.001)
+
+
+def test_ur_rtde_streams_in_lockstep_the_same_each_time() -> None:
+    """1,000 servoJ of the unmodified library take eight seconds for both sides, and each run is the same."""
+    pytest.importorskip("rtde_control")
+    address = claim_address()
+    try:
+        options = ("--model", "ur3", "--host", address.host)
+        outputs = [run(sys.executable, "-c", SERVO, address.host, options=options) for _ in range(2)]
+    finally:
+        address.release()
+    assert [done.returncode for done in outputs] == [0, 0], outputs
+    client_s, robot_s, _ = map(float, outputs[0].stdout.split())
+    assert client_s == pytest.approx(robot_s, abs=0.02)
+    assert robot_s == pytest.approx(1000 * 0.008, rel=0.02)
+    assert outputs[0].stdout == outputs[1].stdout
+
+
+def test_the_speed_is_limited_on_request() -> None:
+    began = time.monotonic()
+    done = run(sys.executable, "-c", "import time; time.sleep(60)", options=("--without-robot", "--speed", "60"))
+    assert done.returncode == 0
+    assert time.monotonic() - began >= 1.0
+
+
+def test_status_and_signals_pass_through() -> None:
+    assert run("sh", "-c", "exit 7").returncode == 7
+    assert run("sh", "-c", "kill -9 $$").returncode == 128 + 9
+    command = [sys.executable, "-m", "emulator", "exec", "--without-robot", "--", "sh", "-c", "echo up; read line"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"up\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(LIMIT_S) == 128 + signal.SIGTERM
+
+
+def test_programs_without_the_clock_are_refused(tmp_path: Path) -> None:
+    go = tmp_path / "go"
+    go.write_bytes(Path("/bin/true").read_bytes() + b"\xff Go buildinf:")
+    static = tmp_path / "static"
+    header = bytearray(Path("/bin/true").read_bytes()[:64])
+    header[56:58] = b"\0\0"  # no program headers, so no interpreter
+    static.write_bytes(header)
+    for path in (go, static):
+        path.chmod(0o755)
+    for name, reason in (("no-such-program", "no program"), (str(go), "Go program"), (str(static), "statically")):
+        with pytest.raises(ConfigError, match=reason):
+            check_program(name)
+    with pytest.raises(ConfigError, match="positive"):
+        SharedClock(0.0)
