@@ -62,6 +62,7 @@ from urscript.syntax import (
     Run,
     Scope,
     Unary,
+    parts,
 )
 from urscript.values import MAX_STRING
 from urscript.work import Steps
@@ -158,7 +159,7 @@ class ExpressionCompiler:
         self.boxed = boxed
         self.scope = scope
         self.recursive = recursive
-        self.stored_globals: set[str] = set()
+        self.used_globals: set[str] = set()  # Python names of the global variables in the code
         self.assigned: set[str] = set()  # globals that have a value here, whatever happened before
         self.size = 0  # expressions compiled so far
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
@@ -226,19 +227,25 @@ class ExpressionCompiler:
 
     def variable(self, name: str, place: Place) -> ast.expr:
         """The Python code for the value of a variable."""
-        if self.boxed and self.is_local(name):
+        if not self.is_local(name):
+            self.used_globals.add(f"v_{name}")
+        elif self.boxed:
             return item("_locals", name, LOAD, place)
         return load(f"v_{name}", place)
 
     def bind(self, name: str, value: ast.expr, place: Place) -> ast.stmt:
         """The Python statement that assigns to a variable."""
-        if self.boxed and self.is_local(name):
+        if not self.is_local(name):
+            self.used_globals.add(f"v_{name}")
+        elif self.boxed:
             return ast.Assign(targets=[item("_locals", name, STORE, place)], value=value, **place)
         return assign(f"v_{name}", value, place)
 
     def bind_within(self, name: str, value: ast.expr, place: Place) -> ast.expr:
         """Like `bind`, as an expression."""
-        if self.boxed and self.is_local(name):
+        if not self.is_local(name):
+            self.used_globals.add(f"v_{name}")
+        elif self.boxed:
             store = attribute(load("_locals", place), "__setitem__", place)
             return ast.Call(store, [constant(name, place), value], [], **place)
         return ast.NamedExpr(target=ast.Name(id=f"v_{name}", ctx=STORE, **place), value=value, **place)
@@ -399,17 +406,18 @@ class ExpressionCompiler:
         return ast.IfExp(within(first, target, place), element, call("_index", place, target, again), **place)
 
     def is_quick(self, node: Index) -> bool:
-        """True for an element of a variable with a value that can only be a list, at a position that is an int.
-
-        No call in the position can change the variable.
-        """
+        """True for an element of a variable with a value that can only be a list, at a position that is an int."""
         target, position = node.target, node.positions[0]
         if len(node.positions) > 1 or not isinstance(target, Name) or not self._has_value(target):
             return False
         simple = isinstance(position, Constant) or (isinstance(position, Name) and self._has_value(position))
-        if not simple and not (self.is_local(target.name) and isinstance(position, Binary)):
+        if not simple and not (isinstance(position, Binary) and self.is_kept_by(position, target.name)):
             return False
         return self.kind(position) == INT and is_list(self.kind(target))
+
+    def is_kept_by(self, node: Expression, name: str) -> bool:
+        """True when no call in an expression can change a variable."""
+        return self.is_local(name) or _calls_nothing(node)
 
     def _has_value(self, node: Name) -> bool:
         """True for a global that has a value here, and for a local: Python itself raises an error without a value."""
@@ -448,6 +456,7 @@ class ExpressionCompiler:
         parameters = plan.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
         defaults = ExpressionCompiler(self.unit, Scope(""))  # a default value can only use globals
+        defaults.used_globals = self.used_globals
         given = len(node.arguments)
         arguments = self.values(node.arguments)
         for value, parameter in zip(bound[given:], parameters[given:], strict=True):
@@ -534,8 +543,6 @@ class ExpressionCompiler:
         if not self.known(target.name):
             self.name_not_found(target.name, target, "variable")
         root = self.variable(target.name, place)
-        if not self.is_local(target.name):
-            self.stored_globals.add(f"v_{target.name}")
         if len(path) == 1:
             return target.name, call("_set_item", place, root, path[0], value)
         keys_code = ast.Tuple(elts=path, ctx=ast.Load(), **place)
@@ -571,6 +578,11 @@ def _is_number(node: Expression) -> bool:
 def _is_short(node: Expression) -> bool:
     """True for a literal that is quickly compared with any value."""
     return isinstance(node, Constant) and (node.value.__class__ is not str or len(str(node.value)) <= MAX_STRING)
+
+
+def _calls_nothing(node: Expression) -> bool:
+    alone, row = parts(node)
+    return not isinstance(node, (Call, MethodCall)) and all(map(_calls_nothing, (*alone, *row)))
 
 
 def _is_text(node: Expression) -> bool:

@@ -23,6 +23,7 @@ from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
 from urscript.parser import discard, normalize, parse
 from urscript.pieces import PythonFunction
+from urscript.pycode import code_of
 from urscript.syntax import Label, Program, ProgramKind
 from urscript.work import Steps, release, run_to_end
 
@@ -55,7 +56,7 @@ class CompiledProgram:
     labels: tuple[Label, ...]
     global_names: tuple[str, ...]  # in order of appearance
     warnings: tuple[CallWarning, ...]  # calls that will fail when executed
-    code: tuple[CodeType, ...]  # to be executed one after the other in one namespace
+    code: tuple[CodeType, ...]  # of the Python functions; their free variables are global variables
     builtins: Mapping[str, Builtin]  # the ones it calls
     functions: Mapping[str, FunctionPlan]  # how they are called
     libraries: LibrarySet
@@ -319,4 +320,4 @@ def first_error(unit: Unit) -> Steps[CompileError | None]:
 
 
 def _python(function: PythonFunction, file_name: str) -> CodeType:
-    return compile(ast.Module(body=[function.code], type_ignores=[]), file_name, "exec")
+    return code_of(compile(ast.Module(body=[function.code], type_ignores=[]), file_name, "exec"))

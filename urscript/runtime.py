@@ -28,8 +28,8 @@ thread also kills its children.
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
-from types import FrameType, GeneratorType, TracebackType
+from collections.abc import Callable, Generator, Iterable, Mapping
+from types import CellType, CodeType, FrameType, FunctionType, GeneratorType, TracebackType
 from typing import Any, Final, NoReturn, Protocol, cast
 
 from urscript import operators
@@ -207,7 +207,9 @@ class Runtime:
         self._holder: ScriptThread | None = None  # parked inside a critical section
         self._next_handle = 0
         self._in_statement = False
+        self._cells = {f"v_{name}": CellType(UNSET) for name in program.global_names}
         self._namespace = self._make_namespace()
+        self._add(program.code)
         self._start(self._namespace["main"], program.name or "main", None)
 
     # for the host
@@ -220,18 +222,20 @@ class Runtime:
     @property
     def globals(self) -> Mapping[str, Value]:
         """The global variables that have a value, in order of appearance in the program."""
-        values = ((name, self._namespace[f"v_{name}"]) for name in self.program.global_names)
-        return {name: value for name, value in values if value is not UNSET}
+        names = self.program.global_names
+        return {name: value for name, value in zip(names, self._values(names), strict=True) if value is not UNSET}
 
     def values(self, start: int, stop: int) -> list[Value]:
         """Values of global variables by their index in the program's ``global_names``; None without a value."""
-        namespace = self._namespace
-        found = [namespace[f"v_{name}"] for name in self.program.global_names[start:stop]]
+        found = self._values(self.program.global_names[start:stop])
         return [None if value is UNSET else value for value in found]
+
+    def _values(self, names: Iterable[str]) -> list[Value]:
+        return [self._cells[f"v_{name}"].cell_contents for name in names]
 
     def set_global(self, name: str, value: Value) -> None:
         """Give a global variable another value; for debuggers."""
-        self._namespace[f"v_{name}"] = value
+        self._cells[f"v_{name}"].cell_contents = value
 
     @property
     def line(self) -> int:
@@ -276,8 +280,7 @@ class Runtime:
         for name, builtin in statement.builtins.items():
             if f"b_{name}" not in namespace:
                 namespace.update(self._bound(name, builtin))
-        for code in statement.code:
-            exec(code, namespace)
+        self._add(statement.code)
         body: Callable[[Locals, list[Any]], ThreadBody] = namespace.pop(STATEMENT)
         pieces = self._take_pieces(STATEMENT)
         return lambda scope: body(scope, pieces)
@@ -405,13 +408,16 @@ class Runtime:
             "_exit_critical": self._exit_critical,
             "_locals": Locals(),
         }
-        for name in program.global_names:
-            namespace[f"v_{name}"] = UNSET
         for name, builtin in program.builtins.items():
             namespace.update(self._bound(name, builtin))
-        for code in program.code:
-            exec(code, namespace)
         return namespace
+
+    def _add(self, functions: Iterable[CodeType]) -> None:
+        """Add compiled functions to the program."""
+        namespace, cells = self._namespace, self._cells
+        for code in functions:
+            closure = tuple(map(cells.__getitem__, code.co_freevars))
+            namespace[code.co_name] = FunctionType(code, namespace, code.co_name, (METER,), closure)
 
     def _bound(self, name: str, builtin: Builtin) -> dict[str, Any]:
         """A built-in under its names in compiled code: with and without the test of its arguments."""
@@ -525,6 +531,7 @@ _HELPERS: dict[str, Any] = {
     "_member": member,
     "_set_item": operators.set_item,
     "_references": operators.references,
+    "_IndexError": IndexError,
     "_len": len,
     "_List": list,
     "_set_path": operators.set_path,
