@@ -160,7 +160,6 @@ class ExpressionCompiler:
         self.scope = scope
         self.recursive = recursive
         self.used_globals: set[str] = set()  # Python names of the global variables in the code
-        self.assigned: set[str] = set()  # globals that have a value here, whatever happened before
         self.size = 0  # expressions compiled so far
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
@@ -198,16 +197,9 @@ class ExpressionCompiler:
             at += together[0] if together else 1
         return code
 
-    def operand(self, node: Expression) -> ast.expr:
-        """Like `expression`, for code that itself refuses a variable without a value."""
-        if isinstance(node, Name) and self.known(node.name):
-            self.size += 1
-            return self.variable(node.name, place_of(node))
-        return self.expression(node)
-
     def condition(self, node: Expression) -> ast.expr:
         """The Python code for an expression used as a condition; it evaluates to a Python bool."""
-        code = self.operand(node)
+        code = self.expression(node)
         kind = BOOL if _is_truth(node) else self.kind(node)
         if kind == BOOL:
             return code
@@ -298,12 +290,7 @@ class ExpressionCompiler:
     def _name(self, node: Name, place: Place) -> ast.expr:
         if not self.known(node.name):
             self.name_not_found(node.name, node, "variable")
-        value = self.variable(node.name, place)
-        if self._has_value(node):
-            return value
-        self.size += 1
-        has_none = _compare(value, ast.Is(), load("_unset", place), place)
-        return ast.IfExp(has_none, call("_without_value", place, constant(node.name, place)), value, **place)
+        return self.variable(node.name, place)
 
     def _list(self, node: ListLiteral, place: Place) -> ast.expr:
         items = self.values(node.items)
@@ -331,8 +318,8 @@ class ExpressionCompiler:
         if node.operator == "not":
             return ast.UnaryOp(op=ast.Not(), operand=self.condition(node.operand), **place)
         if node.operator == "-" and self.kind(node.operand) == FLOAT:
-            return ast.UnaryOp(op=ast.USub(), operand=self.operand(node.operand), **place)
-        return call("_neg" if node.operator == "-" else "_pos", place, self.operand(node.operand))
+            return ast.UnaryOp(op=ast.USub(), operand=self.expression(node.operand), **place)
+        return call("_neg" if node.operator == "-" else "_pos", place, self.expression(node.operand))
 
     def _binary(self, node: Binary, place: Place) -> ast.expr:
         operator = node.operator
@@ -340,7 +327,7 @@ class ExpressionCompiler:
             return self._logic(node, place)
         if operator == "xor":
             return _compare(self.condition(node.left), ast.IsNot(), self.condition(node.right), place)
-        left, right = self.operand(node.left), self.operand(node.right)
+        left, right = self.expression(node.left), self.expression(node.right)
         kinds = self.kind(node.left), self.kind(node.right)
         if operator in ARITHMETIC_HELPERS:
             if operator == "+" and _is_text(node.left) != _is_text(node.right):
@@ -394,8 +381,8 @@ class ExpressionCompiler:
         return self.unit.kinds.expression(self.scope, node) if known is None else known
 
     def _index(self, node: Index, place: Place) -> ast.expr:
-        positions = [self.operand(position) for position in node.positions]
-        target = self.operand(node.target)
+        positions = [self.expression(position) for position in node.positions]
+        target = self.expression(node.target)
         if len(positions) == 2:
             return call("_cell", place, target, *positions)
         if not self.is_quick(node):
@@ -406,22 +393,18 @@ class ExpressionCompiler:
         return ast.IfExp(within(first, target, place), element, call("_index", place, target, again), **place)
 
     def is_quick(self, node: Index) -> bool:
-        """True for an element of a variable with a value that can only be a list, at a position that is an int."""
+        """True for an element of a variable that can only be a list, at a position that is an int."""
         target, position = node.target, node.positions[0]
-        if len(node.positions) > 1 or not isinstance(target, Name) or not self._has_value(target):
+        if len(node.positions) > 1 or not isinstance(target, Name) or not self.known(target.name):
             return False
-        simple = isinstance(position, Constant) or (isinstance(position, Name) and self._has_value(position))
-        if not simple and not (isinstance(position, Binary) and self.is_kept_by(position, target.name)):
-            return False
-        return self.kind(position) == INT and is_list(self.kind(target))
+        simple = isinstance(position, (Constant, Name)) or (
+            isinstance(position, Binary) and self.is_kept_by(position, target.name)
+        )
+        return simple and self.kind(position) == INT and is_list(self.kind(target))
 
     def is_kept_by(self, node: Expression, name: str) -> bool:
         """True when no call in an expression can change a variable."""
         return self.is_local(name) or _calls_nothing(node)
-
-    def _has_value(self, node: Name) -> bool:
-        """True for a global that has a value here, and for a local: Python itself raises an error without a value."""
-        return self.is_local(node.name) or node.name in self.assigned
 
     def _member(self, node: Member, place: Place) -> ast.expr:
         return call("_member", place, self.expression(node.target), constant(node.name, place))

@@ -164,8 +164,6 @@ class _BodyCompiler(ExpressionCompiler):
         self._exits: list[Exit] = []  # exits of the code being compiled, like `used_globals`
         self._counted = 0  # the part of the size whose work has been yielded
         self._charged = charged  # a generator, so that it can park
-        self._is_main = symbol == _MAIN
-        self._depth = 0  # number of blocks around the statement
         self._divided = divided
         self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
             Assign: _BodyCompiler._assign,
@@ -203,12 +201,10 @@ class _BodyCompiler(ExpressionCompiler):
             if self.unit.stepped and not isinstance(statement, While):
                 code.append(ast.Expr(value=self._step(place), **place))
             if isinstance(statement, If | While):
-                self._depth += 1
                 if isinstance(statement, If):
                     code += yield from self._if(statement, place)
                 else:
                     code += yield from self._while(statement, place)
-                self._depth -= 1
             else:
                 if self._divided and statement.cost > _PIECE:
                     yield from self._divide_expressions(statement)
@@ -373,8 +369,9 @@ class _BodyCompiler(ExpressionCompiler):
             comparators=[constant(UNSHARED_LOCAL if fast else UNSHARED_ITEM, place)],
             **place,
         )
-        least = ast.Compare(left=key, ops=[ast.GtE()], comparators=[constant(0, place)], **place)
-        tests: list[ast.expr] = [alone, least]
+        tests: list[ast.expr] = [alone]
+        if not isinstance(key, ast.Constant):
+            tests.append(ast.Compare(left=key, ops=[ast.GtE()], comparators=[constant(0, place)], **place))
         if self.kind(target.target) & VECTOR:  # a pose keeps its type
             plain = ast.Compare(
                 left=attribute(whole, "__class__", place), ops=[ast.Is()], comparators=[load("_List", place)], **place
@@ -383,7 +380,7 @@ class _BodyCompiler(ExpressionCompiler):
         self.size += 8
         element = ast.Subscript(value=whole, slice=key, ctx=ast.Store(), **place)
         in_place = ast.Assign(targets=[element], value=value, **place)
-        test = ast.BoolOp(op=ast.And(), values=tests, **place)
+        test = ast.BoolOp(op=ast.And(), values=tests, **place) if len(tests) > 1 else alone
         other = self.bind(name, call("_set_item", place, whole, key, value), place)
         write = ast.If(test=test, body=[in_place], orelse=[other], **place)
         beyond = ast.ExceptHandler(type=load("_IndexError", place), name=None, body=[other], **place)
@@ -403,27 +400,25 @@ class _BodyCompiler(ExpressionCompiler):
     def _assign_global(self, target: str, value: ast.expr, place: Place) -> list[ast.stmt]:
         """Assign to a global, which keeps the type of its first value. The check is inlined because it is so frequent.
 
-        A global that only ever receives numbers, bools or strings needs no check.
+        A global that only ever receives numbers, bools or strings needs no check, and its first value none either.
         """
-        name = f"v_{target}"
-        self.used_globals.add(name)
-        if self._is_main and not self._depth:
-            self.assigned.add(target)
         if is_plain(self.unit.kinds.variable(self.scope, target)):
-            return [assign(name, value, place)]
-        if self.unit.fixed_lists:
-            return [assign(name, call("_retype_fixed", place, load(name, place), value), place)]
-        new, old = load("_new", place), load(name, place)
+            return [self.bind(target, value, place)]
+        new, old = load("_new", place), self.variable(target, place)
         same = ast.Compare(
             left=attribute(new, "__class__", place),
             ops=[ast.IsNot()],
             comparators=[attribute(old, "__class__", place)],
             **place,
         )
-        retype = assign("_new", call("_retype", place, old, new), place)
+        fixed = self.unit.fixed_lists
+        check: ast.stmt = assign("_new", call("_retype_fixed" if fixed else "_retype", place, old, new), place)
+        if not fixed:
+            check = ast.If(test=same, body=[check], orelse=[], **place)
+        first = ast.ExceptHandler(type=load("_NameError", place), name=None, body=[ast.Pass(**place)], **place)
+        check = ast.Try(body=[check], handlers=[first], orelse=[], finalbody=[], **place)
         self.size += 4
-        check = ast.If(test=same, body=[retype], orelse=[], **place)
-        return [assign("_new", value, place), check, assign(name, load("_new", place), place)]
+        return [assign("_new", value, place), check, self.bind(target, new, place)]
 
     def _expression_statement(self, node: ExpressionStatement, place: Place) -> list[ast.stmt]:
         return [ast.Expr(value=self.expression(node.value), **place)]

@@ -29,6 +29,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import suppress
 from types import CellType, CodeType, FrameType, FunctionType, GeneratorType, TracebackType
 from typing import Any, Final, NoReturn, Protocol, cast
 
@@ -43,7 +44,7 @@ from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
 from urscript.pieces import piece_name
 from urscript.pycode import instruction_position, script_line
-from urscript.values import TYPE_NAMES, UNSET, Pose, Value
+from urscript.values import TYPE_NAMES, Pose, Value
 
 # Python's messages for errors that compiled code raises itself.
 _VARIABLE: Final = re.compile(r".*'v_(\w+)'")
@@ -207,7 +208,7 @@ class Runtime:
         self._holder: ScriptThread | None = None  # parked inside a critical section
         self._next_handle = 0
         self._in_statement = False
-        self._cells = {f"v_{name}": CellType(UNSET) for name in program.global_names}
+        self._cells = {f"v_{name}": CellType() for name in program.global_names}
         self._namespace = self._make_namespace()
         self._add(program.code)
         self._start(self._namespace["main"], program.name or "main", None)
@@ -222,16 +223,20 @@ class Runtime:
     @property
     def globals(self) -> Mapping[str, Value]:
         """The global variables that have a value, in order of appearance in the program."""
-        names = self.program.global_names
-        return {name: value for name, value in zip(names, self._values(names), strict=True) if value is not UNSET}
+        return self._values(self.program.global_names)
 
     def values(self, start: int, stop: int) -> list[Value]:
         """Values of global variables by their index in the program's ``global_names``; None without a value."""
-        found = self._values(self.program.global_names[start:stop])
-        return [None if value is UNSET else value for value in found]
+        names = self.program.global_names[start:stop]
+        return list(map(self._values(names).get, names))
 
-    def _values(self, names: Iterable[str]) -> list[Value]:
-        return [self._cells[f"v_{name}"].cell_contents for name in names]
+    def _values(self, names: Iterable[str]) -> dict[str, Value]:
+        """The variables that have a value."""
+        values = {}
+        for name in names:
+            with suppress(ValueError):  # of an empty cell
+                values[name] = self._cells[f"v_{name}"].cell_contents
+        return values
 
     def set_global(self, name: str, value: Value) -> None:
         """Give a global variable another value; for debuggers."""
@@ -503,8 +508,6 @@ _HELPERS: dict[str, Any] = {
     "_Locals": Locals,
     "_too_deep": _too_deep,
     "_fault": operators.fault,
-    "_unset": UNSET,
-    "_without_value": operators.without_value,
     "_truth": operators.truth,
     "_add": operators.add,
     "_sub": operators.sub,
@@ -532,6 +535,7 @@ _HELPERS: dict[str, Any] = {
     "_set_item": operators.set_item,
     "_references": operators.references,
     "_IndexError": IndexError,
+    "_NameError": NameError,
     "_len": len,
     "_List": list,
     "_set_path": operators.set_path,

@@ -30,14 +30,16 @@ _RESULTS: Final[dict[str, Any]] = {
 }
 """The annotations of results that the compiler distinguishes."""
 _FLAGS: Final = ("host", "takes_scope", "variadic", "takes_time")
+_IN_TESTS: Final = "tests"  # the chapter of what only tests can call
 
 
 @cache
-def libraries() -> LibrarySet:
-    """The built-ins of all versions."""
+def libraries(*, in_tests: bool = False) -> LibrarySet:
+    """The built-ins of all versions; with those that only tests of programs can call."""
     library = Library("")
     with TABLE.open(encoding="utf-8", newline="") as file:
-        library.builtins.update((row["name"], _read(row)) for row in csv.DictReader(file))
+        rows = [row for row in csv.DictReader(file) if in_tests or _IN_TESTS not in row["flags"].split()]
+        library.builtins.update((row["name"], _read(row)) for row in rows)
     return LibrarySet([library])
 
 
@@ -50,7 +52,9 @@ def table(builtins: Iterable[Builtin]) -> Iterator[tuple[str, ...]]:
             builtin.name,
             "; ".join(map(_parameter_text, builtin.parameters)),
             next((word for word, annotation in _RESULTS.items() if annotation == builtin.result), ""),
-            " ".join(flag for flag in _FLAGS if getattr(builtin, flag)),
+            " ".join(
+                [flag for flag in _FLAGS if getattr(builtin, flag)] + [_IN_TESTS] * (builtin.chapter == _IN_TESTS)
+            ),
             *(str(version or "") for version in available),
         )
 
