@@ -29,8 +29,9 @@ _RESULTS: Final[dict[str, Any]] = {
     "text": str,
 }
 """The annotations of results that the compiler distinguishes."""
-_FLAGS: Final = ("host", "takes_scope", "variadic", "takes_time")
-_IN_TESTS: Final = "tests"  # the chapter of what only tests can call
+_IN_TESTS: Final = "tests"
+"""The chapter of what only tests can call; the table does not name any other."""
+_FLAGS: Final = ("host", "takes_scope", "variadic", "takes_time", _IN_TESTS)
 
 
 @cache
@@ -52,9 +53,7 @@ def table(builtins: Iterable[Builtin]) -> Iterator[tuple[str, ...]]:
             builtin.name,
             "; ".join(map(_parameter_text, builtin.parameters)),
             next((word for word, annotation in _RESULTS.items() if annotation == builtin.result), ""),
-            " ".join(
-                [flag for flag in _FLAGS if getattr(builtin, flag)] + [_IN_TESTS] * (builtin.chapter == _IN_TESTS)
-            ),
+            " ".join(flag for flag in _FLAGS if flag == builtin.chapter or getattr(builtin, flag, False)),
             *(str(version or "") for version in available),
         )
 
@@ -79,7 +78,7 @@ def _read(row: dict[str, str]) -> Builtin:
     versions = (PolyscopeVersion.parse(row[line]) if row[line] else None for line in ("cb3", "e", "x"))
     return Builtin(
         name=row["name"],
-        chapter="",
+        chapter=_IN_TESTS if _IN_TESTS in flags else "",
         function=_absent,
         host="host" in flags,
         takes_scope="takes_scope" in flags,
