@@ -12,7 +12,7 @@ from urscript import hints, values
 from urscript.analysis import MAX_CALL_DEPTH, FunctionPlan
 from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin, Parameter
-from urscript.errors import CompileError
+from urscript.errors import CompileError, ScriptWarning
 from urscript.inference import (
     BOOL,
     FLOAT,
@@ -94,16 +94,6 @@ _ACCEPTED: dict[values.Kind, KindSet] = {
 _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">="])
 
 
-@dataclass(frozen=True, slots=True)
-class CallWarning:
-    """A call that will fail when it is executed. kind: of the mistake."""
-
-    kind: Mistake
-    message: str
-    line: int
-    column: int
-
-
 @dataclass(slots=True)
 class Unit:
     """State that all bodies of one program share while it is compiled."""
@@ -123,7 +113,7 @@ class Unit:
     errors: list[CompileError] = field(default_factory=list)
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
     unexplained: dict[int, tuple[str, Callable[[], list[str]]]] = field(default_factory=dict)  # names, by error's id
-    warnings: list[CallWarning] = field(default_factory=list)
+    warnings: list[ScriptWarning] = field(default_factory=list)  # of calls that will fail when executed
 
     def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
         """Record the error; a program can contain thousands."""
@@ -135,6 +125,10 @@ class Unit:
         self.errors.append(error)
         if not hint:
             self.unexplained[id(error)] = name, candidates
+
+    def warn(self, kind: Mistake, message: str, node: Node) -> None:
+        """Record a call that will fail when it is executed."""
+        self.warnings.append(ScriptWarning(message, node.line, node.column, self.source, kind))
 
     @property
     def has_handles(self) -> bool:
@@ -373,7 +367,7 @@ class ExpressionCompiler:
                 "Type error: a string can only be added to a string: str_cat() joins any two values, "
                 "to_str() converts to a string"
             )
-            self.unit.warnings.append(CallWarning("sum", message, node.line, node.column))
+            self.unit.warn("sum", message, node)
 
     def kind(self, node: Expression) -> KindSet:
         """The kinds of value an expression may have; cached for arithmetic that is already compiled."""
@@ -424,7 +418,7 @@ class ExpressionCompiler:
         except BindingError as error:
             self._check_arguments(node)
             if node.name not in self.unit.program.damaged:
-                self.unit.warnings.append(CallWarning("arguments", str(error), node.line, node.column))
+                self.unit.warn("arguments", str(error), node)
             return call("_fault", place, constant(str(error), place))
         self.name_not_found(node.name, node, "function")
         self._check_arguments(node)
@@ -460,7 +454,7 @@ class ExpressionCompiler:
         else:
             bound = bind_arguments(node, [Slot(p.names, p.required) for p in builtin.parameters])
             for kind, message, argument in call_problems(builtin, bound, self._constant_behind):
-                self.unit.warnings.append(CallWarning(kind, message, argument.line, argument.column))
+                self.unit.warn(kind, message, argument)
             arguments = self.values(node.arguments)
             checked = not builtin.plain or not all(map(self._is_accepted, builtin.parameters, bound))
             given = len(node.arguments)
@@ -495,7 +489,7 @@ class ExpressionCompiler:
         """``(yield from _method(...))[1]``; item 0 is the target after the call."""
         if self.unit.fixed_lists and node.name in METHOD_HINTS and not self.unit.has_handles:
             message = f"lists have no method '{node.name}' before PolyScope 5.15; {METHOD_HINTS[node.name]}"
-            self.unit.warnings.append(CallWarning("method", message, node.line, node.column))
+            self.unit.warn("method", message, node)
         arguments = [self.expression(node.target), constant(node.name, place), *self.values(node.arguments)]
         pair = yield_from(call("_method", place, *arguments), place)
         if node.name not in MUTATORS:
