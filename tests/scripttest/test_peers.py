@@ -195,6 +195,25 @@ def test_modbus_units(talk: Talk) -> None:
     assert (status, found[-1]) == (1, "result  10.0.0.9 was not sent 'coil 16 = 1'; it was sent nothing")
 
 
+@pytest.mark.parametrize(
+    ("kind", "written", "sent"),
+    [
+        ("register", ("7", "7", "8", "7"), "'register 1 = 7', 'register 1 = 8', 'register 1 = 7'"),
+        ("register", ("0", "0", "0", "0"), "'register 1 = 0'"),
+        ("coil", ("True", "False", "False", "True"), "'coil 1 = 1', 'coil 1 = 0', 'coil 1 = 1'"),
+    ],
+)
+def test_a_value_is_reported_when_it_changes(kind: str, written: tuple[str, ...], sent: str, talk: Talk) -> None:
+    """A signal writes its value all the time."""
+    setter = "modbus_set_output_signal" if kind == "coil" else "modbus_set_output_register"
+    statements = f'modbus_add_signal("10.0.0.9", 255, 1, {1 if kind == "coil" else 3}, "out")\n'
+    statements += "sleep(0.3)\n" + "".join(f'{setter}("out", {value})\nsleep(0.3)\n' for value in written)
+    _, found = talk(
+        f"modbus: {{10.0.0.9: {{coils: {{1: 0}}, registers: {{1: 5}}, expect: [{kind} 2 = 1]}}}}", statements
+    )
+    assert found[-1] == f"result  10.0.0.9 was not sent '{kind} 2 = 1'; it was sent {sent}"
+
+
 POLLED = """modbus_add_signal("10.0.0.9", 255, 1, 2, "word")
     modbus_set_signal_update_frequency("word", 50)
     t = 0

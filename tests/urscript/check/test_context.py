@@ -193,6 +193,19 @@ def test_a_folder_has_scripts_and_program_trees_without_one(check, findings):
     assert check.err.startswith("urscript: no.urp: ")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def f():\n  t = time()\n  textmsg(t.sec - t.nanosec)\nend\n",
+        "def f():\n  {% if NEW %} # from 5.23\n    sync()\n  {% endif %}\nend\n",
+    ],
+    ids=["a member named sec", "a placeholder with a comment"],
+)
+def test_forms_of_public_programs(findings, text):
+    project = 'templates = ["*"]\nprovides = ["time()"]\n'
+    assert findings({"urscript.toml": project, "a.script": text}, "a.script") == []
+
+
 OWN_TESTS = {
     "cell.script": 'def cell():\n  name = "a"\n  def grip(n):\n    return lift(n)\n  end\n  grip(1)\nend\n',
     "lib/lift.script": "def lift(n):\n  return n\nend\n",
@@ -227,7 +240,7 @@ RIVALS_TESTS = {
     [
         (OWN_TESTS, "test_cell.script", [(2, 20, "URS002"), (9, 16, "URS002"), (11, 3, "URS101")]),
         (RIVALS_TESTS, "src/tests/tool.test.script", []),
-        ({"test_alone.script": "def test_x():\n  assert_true(gone())\n"}, "test_alone.script", [(1, 1, "URS001")]),
+        ({"test_alone.script": "def test_x():\n  assert_true(gone())\n"}, "test_alone.script", [(3, 1, "URS001")]),
         ({"other.script": "assert_true(True)\n"}, "other.script", [(1, 1, "URS002")]),
     ],
 )
