@@ -28,7 +28,7 @@ LIBRARY = Library("urmath")
 _BITS = 32
 
 
-def _rounded(rounding: Callable[[float], int], value: float) -> Value:
+def _rounded(rounding: Callable[[float], int], value: float) -> float:
     """An int if it fits into 32 bits; otherwise a float (a guess)."""
     try:
         whole = rounding(value)
