@@ -1,4 +1,4 @@
-"""Small programs in URScript, and the same algorithms in plain Python: twenty of what scripts do all day."""
+"""Small programs in URScript, and the same algorithms in plain Python: two dozen of what scripts do all day."""
 
 import math
 from collections.abc import Callable
@@ -581,6 +581,100 @@ def _letters() -> float:
     return found
 
 
+STORES_SCRIPT = """
+  def run_it():
+    local a = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    local k = 0
+    while k < 50000:
+      local i = k % 6
+      a[i] = 1.5
+      a[2] = k * 0.5
+      k = k + 1
+    end
+    return a[2] + a[5]
+  end
+"""
+
+
+def _stores() -> float:
+    a, k = [0.0] * 6, 0
+    while k < 50000:
+        i = k % 6
+        a[i] = 1.5
+        a[2] = k * 0.5
+        k = k + 1
+    return a[2] + a[5]
+
+
+NUMBERS_SCRIPT = """
+  def run_it():
+    local total = 0.0
+    local k = 0
+    while k < 10000:
+      total = total + to_num("12.5") + to_num("374")
+      k = k + 1
+    end
+    return total
+  end
+"""
+
+
+def _numbers() -> float:
+    total, k = 0.0, 0
+    while k < 10000:
+        total = total + float("12.5") + int("374")
+        k = k + 1
+    return total
+
+
+SUBSTRINGS_SCRIPT = """
+  def run_it():
+    local text = "x=12.5;y=374"
+    local found = 0
+    local k = 0
+    while k < 10000:
+      local at = str_find(text, ";")
+      if str_sub(text, at + 1) == "y=374" and str_sub(text, 2, at - 2) == "12.5":
+        found = found + 1
+      end
+      k = k + 1
+    end
+    return found
+  end
+"""
+
+
+def _substrings() -> float:
+    text, found, k = "x=12.5;y=374", 0, 0
+    while k < 10000:
+        at = text.find(";")
+        if text[at + 1 :] == "y=374" and text[2 : 2 + (at - 2)] == "12.5":
+            found = found + 1
+        k = k + 1
+    return found
+
+
+ROUNDED_SCRIPT = """
+  def run_it():
+    local total = 0
+    local k = 0
+    while k < 20000:
+      total = total + floor(k * 0.3) % 7 + ceil(k / 4)
+      k = k + 1
+    end
+    return total
+  end
+"""
+
+
+def _rounded() -> float:
+    total = k = 0
+    while k < 20000:
+        total = total + math.floor(k * 0.3) % 7 + math.ceil(k / 4)
+        k = k + 1
+    return total
+
+
 CASES: tuple[tuple[str, str, Callable[[], float]], ...] = (
     ("loop of scalar arithmetic", LOOP_SCRIPT, _loop),
     ("straight-line arithmetic", STRAIGHT_SCRIPT, _straight),
@@ -594,6 +688,7 @@ CASES: tuple[tuple[str, str, Callable[[], float]], ...] = (
     ("recursion", RECURSION_SCRIPT, lambda: _fib(17)),
     ("elements of lists", ELEMENTS_SCRIPT, _elements),
     ("elements written", WRITES_SCRIPT, _writes),
+    ("elements only written", STORES_SCRIPT, _stores),
     ("sum of a list, length()", SUMS_SCRIPT, _sums),
     ("sieve of primes", SIEVE_SCRIPT, _sieve),
     ("bubble sort", SORT_SCRIPT, _sort),
@@ -602,4 +697,7 @@ CASES: tuple[tuple[str, str, Callable[[], float]], ...] = (
     ("pose_trans", POSES_SCRIPT, _poses),
     ("strings made and joined", JOINED_SCRIPT, _joined),
     ("letters of a string", LETTERS_SCRIPT, _letters),
+    ("str_find, str_sub", SUBSTRINGS_SCRIPT, _substrings),
+    ("to_num", NUMBERS_SCRIPT, _numbers),
+    ("floor, ceil", ROUNDED_SCRIPT, _rounded),
 )

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import typer.main
 
@@ -39,6 +39,7 @@ from emulator.ports import PORTS
 from emulator.robotapi.endpoints import OPERATIONS
 from emulator.safety.causes import CAUSES
 from emulator.script_cli import make_parser
+from emulator.scripttest.assertions import TestRun, assertions
 from urproto.commandline import Deferred
 from urproto.facts import known_releases, ledger, release_of
 from urproto.robotapi import BASE
@@ -432,7 +433,8 @@ def check_rules() -> str:
 
 def _signatures() -> str:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(signatures.table(LibrarySet(LIBRARIES).builtins.values()))
+    everything = LibrarySet([*LIBRARIES, assertions(cast(TestRun, None))]).builtins.values()
+    csv.writer(text, lineterminator="\n").writerows(signatures.table(everything))
     return text.getvalue()
 
 

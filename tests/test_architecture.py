@@ -126,7 +126,13 @@ URSCRIPT_MAY_IMPORT = (
     "urproto.versions",
 )
 # PolyScope's files contain poses and joint angles, and are saved
-POLYSCOPE_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots", "urproto.vectors", "urproto.durable")
+POLYSCOPE_MAY_IMPORT = (
+    *URSCRIPT_MAY_IMPORT,
+    "urproto.robots",
+    "urproto.vectors",
+    "urproto.durable",
+    "urproto.yamltext",
+)
 # the parts of `urscript` that the client may import: programs are created on the client's side too
 CLIENT_MAY_IMPORT_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
 # modules of the world outside the tick: only these parts of the emulator and of the client may use them
@@ -293,7 +299,7 @@ def _not_allowed(name: str, imported: str) -> str | None:
     if package == "client" and top == "urscript" and not within(imported, CLIENT_MAY_IMPORT_OF_URSCRIPT):
         return "see CLIENT_MAY_IMPORT_OF_URSCRIPT"
     if package == "urscript" and top == "urproto":
-        outer = within(name, ("urscript.polyscope", "urscript.check"))
+        outer = within(name, ("urscript.polyscope", "urscript.check", "urscript.scripttest"))
         allowed = POLYSCOPE_MAY_IMPORT if outer else URSCRIPT_MAY_IMPORT
         return None if within(imported, allowed) else "the language is independent of robots"
     if within(name, ("urscript.check",)):  # checks programs of all kinds

@@ -115,7 +115,8 @@ class Builtin:
         if not self.parameters and not self.work and self.returns is None:
             return function
         maker = _maker_of_callers(len(self.parameters), works=self.work > 0, converts=self.returns is not None)
-        return maker(function, map(_acceptor, self.parameters), self._mismatch, self.work, self.returns)
+        as_is = (parameter.kind.as_is for parameter in self.parameters)
+        return maker(function, map(_acceptor, self.parameters), as_is, self._mismatch, self.work, self.returns)
 
     def _mismatch(self, arguments: list[Value]) -> NoReturn:
         for parameter, value in zip(self.parameters, arguments, strict=True):
@@ -326,21 +327,24 @@ def _acceptor(parameter: Parameter) -> Callable[[Value], Value]:
 
 @cache
 def _maker_of_callers(parameters: int, *, works: bool, converts: bool) -> Callable[..., AnyFunction]:
-    """``make(function, accepts, mismatch, work, returns)``: makes the function that tests the arguments and calls.
+    """``make(function, accepts, as_is, mismatch, work, returns)``: makes the function that tests arguments and calls.
 
     Its text is written for the number of parameters: a call takes half as long as with ``*arguments``.
     """
-    values, accepted, accepts = ([f"{name}_{n}" for n in range(parameters)] for name in ("value", "accepted", "accept"))
+    names = ("value", "accepted", "accept", "classes")
+    values, accepted, accepts, as_is = ([f"{name}_{n}" for n in range(parameters)] for name in names)
+    accepting = zip(accepted, values, as_is, accepts, strict=True)
     result = f"function({', '.join(accepted)})"
     tests = [
         "    try:",
-        *(f"      {new} = {accept}({value})" for new, accept, value in zip(accepted, accepts, values, strict=True)),
+        *(f"      {a} = {v} if {v}.__class__ in {plain} else {accept}({v})" for a, v, plain, accept in accepting),
         "    except KindMismatchError:",
         f"      mismatch([{', '.join(values)}])",
     ]
     lines = [
-        "def make(function, accepts, mismatch, work, returns):",
+        "def make(function, accepts, as_is, mismatch, work, returns):",
         f"  [{', '.join(accepts)}] = accepts",
+        f"  [{', '.join(as_is)}] = as_is",
         f"  def call({', '.join(values)}):",
         *(["    meter.left -= work"] if works else []),
         *(tests if parameters else []),

@@ -12,7 +12,7 @@ from urscript import hints, values
 from urscript.analysis import MAX_CALL_DEPTH, FunctionPlan
 from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin, Parameter
-from urscript.errors import CompileError
+from urscript.errors import CompileError, ScriptWarning
 from urscript.inference import (
     BOOL,
     FLOAT,
@@ -62,6 +62,7 @@ from urscript.syntax import (
     Run,
     Scope,
     Unary,
+    parts,
 )
 from urscript.values import MAX_STRING
 from urscript.work import Steps
@@ -93,16 +94,6 @@ _ACCEPTED: dict[values.Kind, KindSet] = {
 _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">="])
 
 
-@dataclass(frozen=True, slots=True)
-class CallWarning:
-    """A call that will fail when it is executed. kind: of the mistake."""
-
-    kind: Mistake
-    message: str
-    line: int
-    column: int
-
-
 @dataclass(slots=True)
 class Unit:
     """State that all bodies of one program share while it is compiled."""
@@ -122,7 +113,7 @@ class Unit:
     errors: list[CompileError] = field(default_factory=list)
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
     unexplained: dict[int, tuple[str, Callable[[], list[str]]]] = field(default_factory=dict)  # names, by error's id
-    warnings: list[CallWarning] = field(default_factory=list)
+    warnings: list[ScriptWarning] = field(default_factory=list)  # of calls that will fail when executed
 
     def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
         """Record the error; a program can contain thousands."""
@@ -134,6 +125,10 @@ class Unit:
         self.errors.append(error)
         if not hint:
             self.unexplained[id(error)] = name, candidates
+
+    def warn(self, kind: Mistake, message: str, node: Node) -> None:
+        """Record a call that will fail when it is executed."""
+        self.warnings.append(ScriptWarning(message, node.line, node.column, self.source, kind))
 
     @property
     def has_handles(self) -> bool:
@@ -158,8 +153,7 @@ class ExpressionCompiler:
         self.boxed = boxed
         self.scope = scope
         self.recursive = recursive
-        self.stored_globals: set[str] = set()
-        self.assigned: set[str] = set()  # globals that have a value here, whatever happened before
+        self.used_globals: set[str] = set()  # Python names of the global variables in the code
         self.size = 0  # expressions compiled so far
         self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
@@ -197,16 +191,9 @@ class ExpressionCompiler:
             at += together[0] if together else 1
         return code
 
-    def operand(self, node: Expression) -> ast.expr:
-        """Like `expression`, for code that itself refuses a variable without a value."""
-        if isinstance(node, Name) and self.known(node.name):
-            self.size += 1
-            return self.variable(node.name, place_of(node))
-        return self.expression(node)
-
     def condition(self, node: Expression) -> ast.expr:
         """The Python code for an expression used as a condition; it evaluates to a Python bool."""
-        code = self.operand(node)
+        code = self.expression(node)
         kind = BOOL if _is_truth(node) else self.kind(node)
         if kind == BOOL:
             return code
@@ -226,19 +213,25 @@ class ExpressionCompiler:
 
     def variable(self, name: str, place: Place) -> ast.expr:
         """The Python code for the value of a variable."""
-        if self.boxed and self.is_local(name):
+        if not self.is_local(name):
+            self.used_globals.add(f"v_{name}")
+        elif self.boxed:
             return item("_locals", name, LOAD, place)
         return load(f"v_{name}", place)
 
     def bind(self, name: str, value: ast.expr, place: Place) -> ast.stmt:
         """The Python statement that assigns to a variable."""
-        if self.boxed and self.is_local(name):
+        if not self.is_local(name):
+            self.used_globals.add(f"v_{name}")
+        elif self.boxed:
             return ast.Assign(targets=[item("_locals", name, STORE, place)], value=value, **place)
         return assign(f"v_{name}", value, place)
 
     def bind_within(self, name: str, value: ast.expr, place: Place) -> ast.expr:
         """Like `bind`, as an expression."""
-        if self.boxed and self.is_local(name):
+        if not self.is_local(name):
+            self.used_globals.add(f"v_{name}")
+        elif self.boxed:
             store = attribute(load("_locals", place), "__setitem__", place)
             return ast.Call(store, [constant(name, place), value], [], **place)
         return ast.NamedExpr(target=ast.Name(id=f"v_{name}", ctx=STORE, **place), value=value, **place)
@@ -291,12 +284,7 @@ class ExpressionCompiler:
     def _name(self, node: Name, place: Place) -> ast.expr:
         if not self.known(node.name):
             self.name_not_found(node.name, node, "variable")
-        value = self.variable(node.name, place)
-        if self._has_value(node):
-            return value
-        self.size += 1
-        has_none = _compare(value, ast.Is(), load("_unset", place), place)
-        return ast.IfExp(has_none, call("_without_value", place, constant(node.name, place)), value, **place)
+        return self.variable(node.name, place)
 
     def _list(self, node: ListLiteral, place: Place) -> ast.expr:
         items = self.values(node.items)
@@ -324,8 +312,8 @@ class ExpressionCompiler:
         if node.operator == "not":
             return ast.UnaryOp(op=ast.Not(), operand=self.condition(node.operand), **place)
         if node.operator == "-" and self.kind(node.operand) == FLOAT:
-            return ast.UnaryOp(op=ast.USub(), operand=self.operand(node.operand), **place)
-        return call("_neg" if node.operator == "-" else "_pos", place, self.operand(node.operand))
+            return ast.UnaryOp(op=ast.USub(), operand=self.expression(node.operand), **place)
+        return call("_neg" if node.operator == "-" else "_pos", place, self.expression(node.operand))
 
     def _binary(self, node: Binary, place: Place) -> ast.expr:
         operator = node.operator
@@ -333,7 +321,7 @@ class ExpressionCompiler:
             return self._logic(node, place)
         if operator == "xor":
             return _compare(self.condition(node.left), ast.IsNot(), self.condition(node.right), place)
-        left, right = self.operand(node.left), self.operand(node.right)
+        left, right = self.expression(node.left), self.expression(node.right)
         kinds = self.kind(node.left), self.kind(node.right)
         if operator in ARITHMETIC_HELPERS:
             if operator == "+" and _is_text(node.left) != _is_text(node.right):
@@ -379,7 +367,7 @@ class ExpressionCompiler:
                 "Type error: a string can only be added to a string: str_cat() joins any two values, "
                 "to_str() converts to a string"
             )
-            self.unit.warnings.append(CallWarning("sum", message, node.line, node.column))
+            self.unit.warn("sum", message, node)
 
     def kind(self, node: Expression) -> KindSet:
         """The kinds of value an expression may have; cached for arithmetic that is already compiled."""
@@ -387,8 +375,8 @@ class ExpressionCompiler:
         return self.unit.kinds.expression(self.scope, node) if known is None else known
 
     def _index(self, node: Index, place: Place) -> ast.expr:
-        positions = [self.operand(position) for position in node.positions]
-        target = self.operand(node.target)
+        positions = [self.expression(position) for position in node.positions]
+        target = self.expression(node.target)
         if len(positions) == 2:
             return call("_cell", place, target, *positions)
         if not self.is_quick(node):
@@ -399,21 +387,18 @@ class ExpressionCompiler:
         return ast.IfExp(within(first, target, place), element, call("_index", place, target, again), **place)
 
     def is_quick(self, node: Index) -> bool:
-        """True for an element of a variable with a value that can only be a list, at a position that is an int.
-
-        No call in the position can change the variable.
-        """
+        """True for an element of a variable that can only be a list, at a position that is an int."""
         target, position = node.target, node.positions[0]
-        if len(node.positions) > 1 or not isinstance(target, Name) or not self._has_value(target):
+        if len(node.positions) > 1 or not isinstance(target, Name) or not self.known(target.name):
             return False
-        simple = isinstance(position, Constant) or (isinstance(position, Name) and self._has_value(position))
-        if not simple and not (self.is_local(target.name) and isinstance(position, Binary)):
-            return False
-        return self.kind(position) == INT and is_list(self.kind(target))
+        simple = isinstance(position, (Constant, Name)) or (
+            isinstance(position, Binary) and self.is_kept_by(position, target.name)
+        )
+        return simple and self.kind(position) == INT and is_list(self.kind(target))
 
-    def _has_value(self, node: Name) -> bool:
-        """True for a global that has a value here, and for a local: Python itself raises an error without a value."""
-        return self.is_local(node.name) or node.name in self.assigned
+    def is_kept_by(self, node: Expression, name: str) -> bool:
+        """True when no call in an expression can change a variable."""
+        return self.is_local(name) or _calls_nothing(node)
 
     def _member(self, node: Member, place: Place) -> ast.expr:
         return call("_member", place, self.expression(node.target), constant(node.name, place))
@@ -433,7 +418,7 @@ class ExpressionCompiler:
         except BindingError as error:
             self._check_arguments(node)
             if node.name not in self.unit.program.damaged:
-                self.unit.warnings.append(CallWarning("arguments", str(error), node.line, node.column))
+                self.unit.warn("arguments", str(error), node)
             return call("_fault", place, constant(str(error), place))
         self.name_not_found(node.name, node, "function")
         self._check_arguments(node)
@@ -448,6 +433,7 @@ class ExpressionCompiler:
         parameters = plan.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
         defaults = ExpressionCompiler(self.unit, Scope(""))  # a default value can only use globals
+        defaults.used_globals = self.used_globals
         given = len(node.arguments)
         arguments = self.values(node.arguments)
         for value, parameter in zip(bound[given:], parameters[given:], strict=True):
@@ -468,7 +454,7 @@ class ExpressionCompiler:
         else:
             bound = bind_arguments(node, [Slot(p.names, p.required) for p in builtin.parameters])
             for kind, message, argument in call_problems(builtin, bound, self._constant_behind):
-                self.unit.warnings.append(CallWarning(kind, message, argument.line, argument.column))
+                self.unit.warn(kind, message, argument)
             arguments = self.values(node.arguments)
             checked = not builtin.plain or not all(map(self._is_accepted, builtin.parameters, bound))
             given = len(node.arguments)
@@ -503,7 +489,7 @@ class ExpressionCompiler:
         """``(yield from _method(...))[1]``; item 0 is the target after the call."""
         if self.unit.fixed_lists and node.name in METHOD_HINTS and not self.unit.has_handles:
             message = f"lists have no method '{node.name}' before PolyScope 5.15; {METHOD_HINTS[node.name]}"
-            self.unit.warnings.append(CallWarning("method", message, node.line, node.column))
+            self.unit.warn("method", message, node)
         arguments = [self.expression(node.target), constant(node.name, place), *self.values(node.arguments)]
         pair = yield_from(call("_method", place, *arguments), place)
         if node.name not in MUTATORS:
@@ -534,8 +520,6 @@ class ExpressionCompiler:
         if not self.known(target.name):
             self.name_not_found(target.name, target, "variable")
         root = self.variable(target.name, place)
-        if not self.is_local(target.name):
-            self.stored_globals.add(f"v_{target.name}")
         if len(path) == 1:
             return target.name, call("_set_item", place, root, path[0], value)
         keys_code = ast.Tuple(elts=path, ctx=ast.Load(), **place)
@@ -571,6 +555,11 @@ def _is_number(node: Expression) -> bool:
 def _is_short(node: Expression) -> bool:
     """True for a literal that is quickly compared with any value."""
     return isinstance(node, Constant) and (node.value.__class__ is not str or len(str(node.value)) <= MAX_STRING)
+
+
+def _calls_nothing(node: Expression) -> bool:
+    alone, row = parts(node)
+    return not isinstance(node, (Call, MethodCall)) and all(map(_calls_nothing, (*alone, *row)))
 
 
 def _is_text(node: Expression) -> bool:

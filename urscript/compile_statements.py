@@ -5,12 +5,12 @@ A long body is divided into pieces while it is compiled (`urscript.pieces`), and
 
 import ast
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Any
 
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
 from urscript.inference import VECTOR, is_plain
-from urscript.number_code import within
 from urscript.operators import UNSHARED_ITEM, UNSHARED_LOCAL
 from urscript.pieces import Exit, Part, Pieces, PythonFunction
 from urscript.pycode import (
@@ -73,10 +73,13 @@ _OLD_SETTERS = {"digital_out": "set_digital_out"}
 def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
     """The program body as the generator function ``main``, and the pieces it is divided into."""
     program = unit.program
-    compiler = _BodyCompiler(unit, program.scope, _MAIN, charged=True, divided=unit.divided)
+    costs = (statement.cost for statement in program.body if not isinstance(statement, FunctionDef))
+    long = sum(islice(costs, WHOLE + 1)) > WHOLE  # each costs at least 1
+    compiler = _BodyCompiler(unit, program.scope, _MAIN, charged=True, divided=unit.divided and long)
     place = place_of(program.body[0] if program.body else Node(1, 1))
     body = yield from compiler.body(program.body, place)
-    return [*compiler.pieces.functions, PythonFunction(function(_MAIN, [], body, place), compiler.inline)]
+    main = function(_MAIN, [], body, compiler.used_globals, place)
+    return [*compiler.pieces.functions, PythonFunction(main, compiler.inline)]
 
 
 def compile_function(
@@ -109,7 +112,8 @@ def compile_function(
     if compiler.boxed:
         body.insert(0, _boxed_locals(compiler, place, lends))
     size = compiler.inline + len(parameters)
-    return [*compiler.pieces.functions, PythonFunction(function(plan.symbol, parameters, body, place), size)]
+    whole = function(plan.symbol, parameters, body, compiler.used_globals, place)
+    return [*compiler.pieces.functions, PythonFunction(whole, size)]
 
 
 def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
@@ -121,7 +125,7 @@ def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
     place = place_of(program.body[0] if program.body else Node(1, 1))
     compiler = _BodyCompiler(unit, program.scope, STATEMENT, charged=True, divided=True, boxed=True, lasting=False)
     body = yield from compiler.body(program.body, place)
-    whole = function(STATEMENT, ["_locals", "_pieces"], body, place)
+    whole = function(STATEMENT, ["_locals", "_pieces"], body, compiler.used_globals, place)
     return [*compiler.pieces.functions, PythonFunction(whole, compiler.inline)]
 
 
@@ -157,11 +161,9 @@ class _BodyCompiler(ExpressionCompiler):
             *(["_depth"] if recursive else []),
         ]
         self.pieces = Pieces(symbol, shared, lasting=lasting)
-        self._exits: list[Exit] = []  # exits of the code being compiled, like `stored_globals`
+        self._exits: list[Exit] = []  # exits of the code being compiled, like `used_globals`
         self._counted = 0  # the part of the size whose work has been yielded
         self._charged = charged  # a generator, so that it can park
-        self._is_main = symbol == _MAIN
-        self._depth = 0  # number of blocks around the statement
         self._divided = divided
         self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
             Assign: _BodyCompiler._assign,
@@ -185,11 +187,6 @@ class _BodyCompiler(ExpressionCompiler):
             code = [*charge(self.scope.cost, place, park=False), *(yield from self._plain(statements))]
             if self.unit.stepped and all(isinstance(statement, FunctionDef) for statement in statements):
                 code.append(ast.Expr(value=self._step(place), **place))  # a generator like all others
-        return self._with_globals(code, place)
-
-    def _with_globals(self, code: list[ast.stmt], place: Place) -> list[ast.stmt]:
-        if self.stored_globals:
-            code.insert(0, ast.Global(names=sorted(self.stored_globals), **place))
         return code
 
     # blocks
@@ -204,12 +201,10 @@ class _BodyCompiler(ExpressionCompiler):
             if self.unit.stepped and not isinstance(statement, While):
                 code.append(ast.Expr(value=self._step(place), **place))
             if isinstance(statement, If | While):
-                self._depth += 1
                 if isinstance(statement, If):
                     code += yield from self._if(statement, place)
                 else:
                     code += yield from self._while(statement, place)
-                self._depth -= 1
             else:
                 if self._divided and statement.cost > _PIECE:
                     yield from self._divide_expressions(statement)
@@ -228,25 +223,25 @@ class _BodyCompiler(ExpressionCompiler):
         When the body is divided, statements move into a piece as soon as there are enough for one, and so do the calls
         of pieces.
         """
-        outer, outer_exits = self.stored_globals, self._exits
+        outer, outer_exits = self.used_globals, self._exits
         levels = [Part()]  # statements, calls of pieces, calls of pieces of such, ...
         for run, work in _runs(statements, extra):
             levels[0].code += charge(work, place_of(run[0]), park=True)
             for statement in run:
                 part, before = levels[0], self.inline
                 part.place = part.place or place_of(statement)
-                self.stored_globals, self._exits = part.stored_globals, part.exits
+                self.used_globals, self._exits = part.used_globals, part.exits
                 part.code += yield from self._plain([statement])
                 part.size += self.inline - before
                 if self._divided:
                     self._move(levels, _PIECE)
         if self._divided:
             self._move(levels, _REST)
-        self.stored_globals, self._exits = outer, outer_exits
+        self.used_globals, self._exits = outer, outer_exits
         code: list[ast.stmt] = []
         for part in reversed(levels):
             code += part.code
-            outer |= part.stored_globals
+            outer |= part.used_globals
             outer_exits += part.exits
         return code
 
@@ -310,15 +305,15 @@ class _BodyCompiler(ExpressionCompiler):
 
     def _hoist(self, nodes: list[Expression]) -> Steps[None]:
         """Move an expression, or a run of values, into a piece."""
-        outer, self.stored_globals = self.stored_globals, set[str]()
+        outer, self.used_globals = self.used_globals, set[str]()
         place, before = place_of(nodes[0]), self.inline
         values = self.values(nodes)
         alone = len(nodes) == 1
         returned = values[0] if alone else ast.Tuple(elts=values, ctx=LOAD, **place)
         code: list[ast.stmt] = [ast.Return(value=returned, **place)]
-        run = self.pieces.add(code, self.inline - before, self.stored_globals, place)
+        run = self.pieces.add(code, self.inline - before, self.used_globals, place)
         self.size += 1
-        self.stored_globals = outer
+        self.used_globals = outer
         self.hoisted[id(nodes[0])] = (len(nodes), run if alone else ast.Starred(value=run, ctx=LOAD, **place))
         yield from self._count()
 
@@ -350,13 +345,12 @@ class _BodyCompiler(ExpressionCompiler):
 
     def _is_quick_to_write(self, target: Index, item: Expression) -> bool:
         """True for a scalar that becomes an element of a list; no call in it can change that variable."""
-        simple = isinstance(item, Name | Constant) or (
-            isinstance(target.target, Name) and self.is_local(target.target.name)
-        )
-        return simple and self.is_quick(target) and is_plain(self.kind(item))
+        name = target.target.name if isinstance(target.target, Name) else ""
+        return self.is_quick(target) and self.is_kept_by(item, name) and is_plain(self.kind(item))
 
     def _assign_element(self, target: Index, item: Expression, value: ast.expr, place: Place) -> list[ast.stmt]:
-        """Write a scalar into a list in place if nothing else refers to it; otherwise, `_set_item` creates a copy."""
+        """Write a scalar into a list in place if nothing else refers to it; otherwise, `_set_item` creates a copy, or
+        refuses the position."""
         assert isinstance(target.target, Name), "only elements of variables are quick"
         name, position = target.target.name, target.positions[0]
         code: list[ast.stmt] = []
@@ -367,8 +361,6 @@ class _BodyCompiler(ExpressionCompiler):
         if not isinstance(item, Name | Constant):
             code.append(assign("_new", value, place))
             value = load("_new", place)
-        if not self.is_local(name):
-            self.stored_globals.add(f"v_{name}")
         whole = self.variable(name, place)
         fast = self.is_local(name) and not self.boxed
         alone = ast.Compare(
@@ -377,7 +369,9 @@ class _BodyCompiler(ExpressionCompiler):
             comparators=[constant(UNSHARED_LOCAL if fast else UNSHARED_ITEM, place)],
             **place,
         )
-        tests: list[ast.expr] = [alone, within(key, whole, place)]
+        tests: list[ast.expr] = [alone]
+        if not isinstance(key, ast.Constant):
+            tests.append(ast.Compare(left=key, ops=[ast.GtE()], comparators=[constant(0, place)], **place))
         if self.kind(target.target) & VECTOR:  # a pose keeps its type
             plain = ast.Compare(
                 left=attribute(whole, "__class__", place), ops=[ast.Is()], comparators=[load("_List", place)], **place
@@ -386,9 +380,11 @@ class _BodyCompiler(ExpressionCompiler):
         self.size += 8
         element = ast.Subscript(value=whole, slice=key, ctx=ast.Store(), **place)
         in_place = ast.Assign(targets=[element], value=value, **place)
-        test = ast.BoolOp(op=ast.And(), values=tests, **place)
-        copied = self.bind(name, call("_set_item", place, whole, key, value), place)
-        return [*code, ast.If(test=test, body=[in_place], orelse=[copied], **place)]
+        test = ast.BoolOp(op=ast.And(), values=tests, **place) if len(tests) > 1 else alone
+        other = self.bind(name, call("_set_item", place, whole, key, value), place)
+        write = ast.If(test=test, body=[in_place], orelse=[other], **place)
+        beyond = ast.ExceptHandler(type=load("_IndexError", place), name=None, body=[other], **place)
+        return [*code, ast.Try(body=[write], handlers=[beyond], orelse=[], finalbody=[], **place)]
 
     def _old_setter(self, node: Assign) -> Call | None:
         """The built-in call that replaces an assignment such as ``digital_out[2] = True``, where the array is not a
@@ -404,27 +400,25 @@ class _BodyCompiler(ExpressionCompiler):
     def _assign_global(self, target: str, value: ast.expr, place: Place) -> list[ast.stmt]:
         """Assign to a global, which keeps the type of its first value. The check is inlined because it is so frequent.
 
-        A global that only ever receives numbers, bools or strings needs no check.
+        A global that only ever receives numbers, bools or strings needs no check, and its first value none either.
         """
-        name = f"v_{target}"
-        self.stored_globals.add(name)
-        if self._is_main and not self._depth:
-            self.assigned.add(target)
         if is_plain(self.unit.kinds.variable(self.scope, target)):
-            return [assign(name, value, place)]
-        if self.unit.fixed_lists:
-            return [assign(name, call("_retype_fixed", place, load(name, place), value), place)]
-        new, old = load("_new", place), load(name, place)
+            return [self.bind(target, value, place)]
+        new, old = load("_new", place), self.variable(target, place)
         same = ast.Compare(
             left=attribute(new, "__class__", place),
             ops=[ast.IsNot()],
             comparators=[attribute(old, "__class__", place)],
             **place,
         )
-        retype = assign("_new", call("_retype", place, old, new), place)
+        fixed = self.unit.fixed_lists
+        check: ast.stmt = assign("_new", call("_retype_fixed" if fixed else "_retype", place, old, new), place)
+        if not fixed:
+            check = ast.If(test=same, body=[check], orelse=[], **place)
+        first = ast.ExceptHandler(type=load("_NameError", place), name=None, body=[ast.Pass(**place)], **place)
+        check = ast.Try(body=[check], handlers=[first], orelse=[], finalbody=[], **place)
         self.size += 4
-        check = ast.If(test=same, body=[retype], orelse=[], **place)
-        return [assign("_new", value, place), check, assign(name, load("_new", place), place)]
+        return [assign("_new", value, place), check, self.bind(target, new, place)]
 
     def _expression_statement(self, node: ExpressionStatement, place: Place) -> list[ast.stmt]:
         return [ast.Expr(value=self.expression(node.value), **place)]
@@ -432,11 +426,11 @@ class _BodyCompiler(ExpressionCompiler):
     def _if(self, node: If, place: Place) -> Steps[list[ast.stmt]]:
         """Compile an if. In a long chain of branches, the last become a piece, then those before them, and so on."""
         heavy = _is_heavy(node)
-        outer, outer_exits = self.stored_globals, self._exits
+        outer, outer_exits = self.used_globals, self._exits
         branches: list[tuple[ast.expr, Part]] = []
         for condition, statements in [*node.branches, (None, node.otherwise)]:
             part, before = Part(), self.inline
-            self.stored_globals, self._exits = part.stored_globals, part.exits
+            self.used_globals, self._exits = part.used_globals, part.exits
             if condition is not None:
                 if self._divided and node.cost > _PIECE:
                     yield from self._divide(condition)
@@ -444,17 +438,17 @@ class _BodyCompiler(ExpressionCompiler):
                 part.place = place_of(condition)
             part.code = yield from self._inner(statements, heavy)
             part.size = self.inline - before
-        self.stored_globals, self._exits = outer, outer_exits
+        self.used_globals, self._exits = outer, outer_exits
         rest = part  # of the else
         for (test, part), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
             at = place_of(source)
             if self._divided and rest.size >= _PIECE and rest.place is not None:
                 rest = self._moved(rest, rest.place)
             branch = ast.If(test=test, body=part.code or [ast.Pass(**at)], orelse=rest.code, **at)
-            stored = part.stored_globals | rest.stored_globals
+            stored = part.used_globals | rest.used_globals
             rest = Part([branch], part.size + rest.size, stored, part.exits + rest.exits, at)
             yield _BRANCH_WORK
-        self.stored_globals |= rest.stored_globals
+        self.used_globals |= rest.used_globals
         self._exits += rest.exits
         return rest.code
 

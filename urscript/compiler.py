@@ -17,12 +17,13 @@ from urproto.facts import availability
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.analysis import FunctionPlan, plan_functions
 from urscript.builtins import Builtin, LibrarySet
-from urscript.compile_expressions import CallWarning, Unit
+from urscript.compile_expressions import Unit
 from urscript.compile_statements import compile_function, compile_main
 from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
 from urscript.parser import discard, normalize, parse
 from urscript.pieces import PythonFunction
+from urscript.pycode import code_of
 from urscript.syntax import Label, Program, ProgramKind
 from urscript.work import Steps, release, run_to_end
 
@@ -54,8 +55,8 @@ class CompiledProgram:
     source: str  # from the first line with code on: line 1 of every position
     labels: tuple[Label, ...]
     global_names: tuple[str, ...]  # in order of appearance
-    warnings: tuple[CallWarning, ...]  # calls that will fail when executed
-    code: tuple[CodeType, ...]  # to be executed one after the other in one namespace
+    warnings: tuple[ScriptWarning, ...]  # calls that will fail when executed
+    code: tuple[CodeType, ...]  # of the Python functions; their free variables are global variables
     builtins: Mapping[str, Builtin]  # the ones it calls
     functions: Mapping[str, FunctionPlan]  # how they are called
     libraries: LibrarySet
@@ -190,7 +191,7 @@ def find_problems(
                 run_to_end(body)
             for error in errors[:_MAX_HINTS]:
                 run_to_end(unit.explain(error))
-            warnings = [ScriptWarning(w.message, w.line, w.column, source, w.kind) for w in unit.warnings]
+            warnings += unit.warnings
             if all(error.unknown_name for error in errors):  # otherwise, the tree lacks what could not be parsed
                 warnings += inspect(unit)
     except CompileError as error:
@@ -319,4 +320,4 @@ def first_error(unit: Unit) -> Steps[CompileError | None]:
 
 
 def _python(function: PythonFunction, file_name: str) -> CodeType:
-    return compile(ast.Module(body=[function.code], type_ignores=[]), file_name, "exec")
+    return code_of(compile(ast.Module(body=[function.code], type_ignores=[]), file_name, "exec"))

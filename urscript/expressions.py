@@ -312,7 +312,8 @@ class ExpressionParser:
                 value = Index(token.line, token.column, value, positions)
             elif token.kind == ".":
                 self.take()
-                value = self._member(value, self.expect("name", "after '.'"))
+                word = "sec" if self.token.kind == "sec" else "name"  # a member of what time() returns
+                value = self._member(value, self.expect(word, "after '.'"))
             else:
                 break
             self._count_depth()

@@ -21,7 +21,6 @@ from urscript.values import (
     INT_MIN,
     MAX_ELEMENTS,
     MAX_NESTING,
-    UNSET,
     BoundedList,
     Matrix,
     Pose,
@@ -51,11 +50,6 @@ _COPIED_PER_UNIT = 8
 def fault(message: str) -> NoReturn:
     """Stop the program with this message."""
     raise RuntimeFault(message)
-
-
-def without_value(name: str) -> NoReturn:
-    """Stop the program because it reads a variable that has no value yet."""
-    raise RuntimeFault(f"Variable '{name}' is used before it has a value")
 
 
 # numbers
@@ -503,7 +497,7 @@ def retype(old: Value, new: Value) -> Value:
     rely on it; none can be assigned to any variable (a guess). A list takes the members of a struct, if they have the
     type of its elements (e-Series manual of 5.19).
     """
-    if old is UNSET or old is None or new is None:
+    if old is None or new is None:
         return new
     if old.__class__ in _NUMBERS and new.__class__ in _NUMBERS:
         return new

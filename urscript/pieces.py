@@ -35,7 +35,7 @@ class Part:
 
     code: list[ast.stmt] = field(default_factory=list)
     size: int = 0
-    stored_globals: set[str] = field(default_factory=set)
+    used_globals: set[str] = field(default_factory=set)
     exits: list[Exit] = field(default_factory=list)
     place: Place | None = None
 
@@ -63,21 +63,19 @@ class Pieces:
         """The names of all pieces, as Python expressions."""
         return [load(piece_name(self._symbol, number), place) for number in range(len(self.functions))]
 
-    def add(self, code: list[ast.stmt], size: int, stored_globals: set[str], place: Place) -> ast.expr:
+    def add(self, code: list[ast.stmt], size: int, used_globals: set[str], place: Place) -> ast.expr:
         """Create a piece; return the ``yield from`` that runs it."""
         number = len(self.functions)
         name = piece_name(self._symbol, number)
         # The unreachable yield makes it a generator, whatever it contains.
         code = [*code, ast.Return(value=None, **place), ast.Expr(ast.Yield(value=None, **place), **place)]
-        if stored_globals:
-            code.insert(0, ast.Global(names=sorted(stored_globals), **place))
-        self.functions.append(PythonFunction(function(name, list(self._shared), code, place), size))
+        self.functions.append(PythonFunction(function(name, list(self._shared), code, used_globals, place), size))
         self.size += size
         piece = load(name, place) if self._lasting else subscript(load("_pieces", place), number, place)
         return yield_from(ast.Call(piece, [load(shared, place) for shared in self._shared], [], **place), place)
 
     def move(self, part: Part, place: Place) -> Part:
-        """Move code into a piece; return the code that calls it and passes on its exits, and that stores no globals."""
+        """Move code into a piece; return the code that calls it and passes on its exits, and that uses no globals."""
         exits = part.exits
         words = {exit_.body[0].__class__ for exit_ in exits if isinstance(exit_, ast.If)}
         for exit_ in exits:
@@ -85,7 +83,7 @@ class Pieces:
                 exit_.body[0] = ast.Return(constant(isinstance(exit_.body[0], ast.Break), place), **place)
             else:
                 exit_.value = ast.Tuple([exit_.value or constant(None, place)], LOAD, **place)
-        run = self.add(part.code, part.size, part.stored_globals, place)
+        run = self.add(part.code, part.size, part.used_globals, place)
         if not exits:
             return Part([ast.Expr(value=run, **place)], 1, place=place)
         code: list[ast.stmt] = [assign("_exit", run, place)]

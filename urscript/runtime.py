@@ -28,8 +28,9 @@ thread also kills its children.
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
-from types import FrameType, GeneratorType, TracebackType
+from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import suppress
+from types import CellType, CodeType, FrameType, FunctionType, GeneratorType, TracebackType
 from typing import Any, Final, NoReturn, Protocol, cast
 
 from urscript import operators
@@ -43,7 +44,7 @@ from urscript.meter import METER, charge
 from urscript.methods import call_method, member, refuse_list_methods
 from urscript.pieces import piece_name
 from urscript.pycode import instruction_position, script_line
-from urscript.values import TYPE_NAMES, UNSET, Pose, Value
+from urscript.values import TYPE_NAMES, Pose, Value
 
 # Python's messages for errors that compiled code raises itself.
 _VARIABLE: Final = re.compile(r".*'v_(\w+)'")
@@ -207,7 +208,9 @@ class Runtime:
         self._holder: ScriptThread | None = None  # parked inside a critical section
         self._next_handle = 0
         self._in_statement = False
+        self._cells = {f"v_{name}": CellType() for name in program.global_names}
         self._namespace = self._make_namespace()
+        self._add(program.code)
         self._start(self._namespace["main"], program.name or "main", None)
 
     # for the host
@@ -220,18 +223,24 @@ class Runtime:
     @property
     def globals(self) -> Mapping[str, Value]:
         """The global variables that have a value, in order of appearance in the program."""
-        values = ((name, self._namespace[f"v_{name}"]) for name in self.program.global_names)
-        return {name: value for name, value in values if value is not UNSET}
+        return self._values(self.program.global_names)
 
     def values(self, start: int, stop: int) -> list[Value]:
         """Values of global variables by their index in the program's ``global_names``; None without a value."""
-        namespace = self._namespace
-        found = [namespace[f"v_{name}"] for name in self.program.global_names[start:stop]]
-        return [None if value is UNSET else value for value in found]
+        names = self.program.global_names[start:stop]
+        return list(map(self._values(names).get, names))
+
+    def _values(self, names: Iterable[str]) -> dict[str, Value]:
+        """The variables that have a value."""
+        values = {}
+        for name in names:
+            with suppress(ValueError):  # of an empty cell
+                values[name] = self._cells[f"v_{name}"].cell_contents
+        return values
 
     def set_global(self, name: str, value: Value) -> None:
         """Give a global variable another value; for debuggers."""
-        self._namespace[f"v_{name}"] = value
+        self._cells[f"v_{name}"].cell_contents = value
 
     @property
     def line(self) -> int:
@@ -276,8 +285,7 @@ class Runtime:
         for name, builtin in statement.builtins.items():
             if f"b_{name}" not in namespace:
                 namespace.update(self._bound(name, builtin))
-        for code in statement.code:
-            exec(code, namespace)
+        self._add(statement.code)
         body: Callable[[Locals, list[Any]], ThreadBody] = namespace.pop(STATEMENT)
         pieces = self._take_pieces(STATEMENT)
         return lambda scope: body(scope, pieces)
@@ -405,13 +413,16 @@ class Runtime:
             "_exit_critical": self._exit_critical,
             "_locals": Locals(),
         }
-        for name in program.global_names:
-            namespace[f"v_{name}"] = UNSET
         for name, builtin in program.builtins.items():
             namespace.update(self._bound(name, builtin))
-        for code in program.code:
-            exec(code, namespace)
         return namespace
+
+    def _add(self, functions: Iterable[CodeType]) -> None:
+        """Add compiled functions to the program."""
+        namespace, cells = self._namespace, self._cells
+        for code in functions:
+            closure = tuple(map(cells.__getitem__, code.co_freevars))
+            namespace[code.co_name] = FunctionType(code, namespace, code.co_name, (METER,), closure)
 
     def _bound(self, name: str, builtin: Builtin) -> dict[str, Any]:
         """A built-in under its names in compiled code: with and without the test of its arguments."""
@@ -497,8 +508,6 @@ _HELPERS: dict[str, Any] = {
     "_Locals": Locals,
     "_too_deep": _too_deep,
     "_fault": operators.fault,
-    "_unset": UNSET,
-    "_without_value": operators.without_value,
     "_truth": operators.truth,
     "_add": operators.add,
     "_sub": operators.sub,
@@ -525,6 +534,8 @@ _HELPERS: dict[str, Any] = {
     "_member": member,
     "_set_item": operators.set_item,
     "_references": operators.references,
+    "_IndexError": IndexError,
+    "_NameError": NameError,
     "_len": len,
     "_List": list,
     "_set_path": operators.set_path,

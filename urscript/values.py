@@ -24,7 +24,7 @@ bytes were split between them.
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, NoReturn, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 from urproto.text import from_bytes, to_bytes
 from urscript.errors import RuntimeFault
@@ -97,23 +97,6 @@ class Struct:
     members: dict[str, Value]
 
 
-class _Unset:
-    """The value of a global that has not been assigned yet. Any use of it is an error."""
-
-    __slots__ = ()
-
-    def _used(self, *_: object) -> NoReturn:
-        raise RuntimeFault("A variable is used before it has a value")
-
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _used
-    __mod__ = __rmod__ = __neg__ = __bool__ = __len__ = __getitem__ = _used
-    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _used
-    __hash__ = object.__hash__
-
-
-UNSET = _Unset()
-
-
 def copy_value(value: Value) -> Value:
     """An equal value that shares no list with the original, for a host that modifies lists itself."""
     if isinstance(value, BoundedList):
@@ -143,7 +126,6 @@ TYPE_NAMES: dict[type, str] = {
     BoundedList: "List",
     Matrix: "Matrix",
     Struct: "Struct",
-    _Unset: "variable without a value",
 }
 
 
@@ -271,6 +253,11 @@ class Kind:
         """The value as passed to the built-in; raises KindMismatchError."""
         return value
 
+    @property
+    def as_is(self) -> frozenset[type]:
+        """The classes of values that are all passed as they are."""
+        return frozenset()
+
 
 class NotPhysicalError(KindMismatchError):
     """A number of the right kind that is meaningless as a physical quantity."""
@@ -290,6 +277,10 @@ class PhysicalKind(Kind):
 
     kind: Kind
 
+    @property
+    def as_is(self) -> frozenset[type]:
+        return self.kind.as_is & {int, bool, str}
+
     def accept(self, value: Value) -> Value:
         accepted = self.kind.accept(value)
         if accepted.__class__ is float:
@@ -302,14 +293,11 @@ class PhysicalKind(Kind):
         return accepted
 
 
-class _NumberKind(Kind):
-    def accept(self, value: Value) -> Value:
-        if value.__class__ is float or value.__class__ is int:
-            return value
-        raise KindMismatchError
-
-
 class _IntKind(Kind):
+    @property
+    def as_is(self) -> frozenset[type]:
+        return frozenset([int])
+
     # Accepts floats: the official control script passes the integer arguments of force_mode as floats.
     def accept(self, value: Value) -> Value:
         if value.__class__ is int:
@@ -321,7 +309,11 @@ class _IntKind(Kind):
 
 @dataclass(frozen=True)
 class _ClassKind(Kind):
-    classes: tuple[type, ...]
+    classes: frozenset[type]
+
+    @property
+    def as_is(self) -> frozenset[type]:
+        return self.classes
 
     def accept(self, value: Value) -> Value:
         if value.__class__ in self.classes:
@@ -342,13 +334,13 @@ class _PoseOrJointsKind(_JointsKind):
 
 
 ANY = Kind("any")
-NUMBER = _NumberKind("Num")
+NUMBER = _ClassKind("Num", frozenset([float, int]))
 INT = _IntKind("Int")
-BOOL = _ClassKind("Bool", (bool,))
-STRING = _ClassKind("Const String", (str,))
-POSE = _ClassKind("Pose", (Pose,))
-LIST = _ClassKind("List", (list, BoundedList))
-MATRIX = _ClassKind("Matrix", (Matrix,))
+BOOL = _ClassKind("Bool", frozenset([bool]))
+STRING = _ClassKind("Const String", frozenset([str]))
+POSE = _ClassKind("Pose", frozenset([Pose]))
+LIST = _ClassKind("List", frozenset([list, BoundedList]))
+MATRIX = _ClassKind("Matrix", frozenset([Matrix]))
 JOINTS = _JointsKind("List of 6 numbers")
 POSE_OR_JOINTS = _PoseOrJointsKind("Pose or List of 6 numbers")
 

@@ -87,6 +87,7 @@ class _Unit(_Peer):
     coils: _Values = {}
     registers: _Values = {}
     device: str = ""
+    disconnect: Annotated[float, Meta(gt=0.0)] = math.inf
     exception: _Word = 0
 
 
@@ -247,7 +248,9 @@ def _unit(name: str, entry: Any, where: str, python: _Python) -> UnitPeer:
         described.log(name),
         getattr(device, "coils", None) or Values(described.coils),
         getattr(device, "registers", None) or Values(described.registers),
-        refuse=bool(described.refuse),
+        refusals=described.refusals,
+        delay_s=described.delay,
+        lasts_s=described.disconnect,
         exception=described.exception,
         written=getattr(device, "written", lambda kind, address, value: None),
     )

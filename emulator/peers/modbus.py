@@ -1,12 +1,13 @@
 """Modbus units whose values are constants, sequences, or those of a Python object."""
 
 import errno
+import math
 from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from emulator.peers.log import PeerLog
-from emulator.services.modbus import MemoryUnit, ModbusBackend, ModbusExchange, ModbusUnit
+from emulator.services.modbus import DISCONNECTED, MemoryUnit, ModbusBackend, ModbusExchange, ModbusUnit
 from urproto.modbus import Function, ModbusRequest
 
 _WRITES_COILS = (Function.WRITE_COIL, Function.WRITE_COILS)
@@ -22,30 +23,72 @@ class Values(dict[int, Any]):
         return int(value)
 
 
+class _Delayed(ModbusExchange):
+    """A request whose outcome arrives at some time [s of robot time]."""
+
+    __slots__ = ("_arrives_s", "_known", "_now")
+
+    def __init__(self, arrives_s: float, now: Callable[[], float]) -> None:
+        self._arrives_s, self._now = arrives_s, now
+        super().__init__()
+
+    @property
+    def done(self) -> bool:
+        return self._known and self._now() >= self._arrives_s
+
+    @done.setter
+    def done(self, known: bool) -> None:
+        self._known = known
+
+
 @dataclass
 class UnitPeer:
     """A unit.
 
-    refuse: it accepts no connection. exception: the code with which it answers every request, or 0. written: called
-    with the kind (``coil``, ``register``), address and value of each write.
+    refusals: the number of connections that it refuses first. delay_s: before each answer. lasts_s: after this time, it
+    closes a connection; the next request opens another one. exception: the code with which it answers every request, or
+    0. written: called with the kind (``coil``, ``register``), address and value of each write.
     """
 
     log: PeerLog
     coils: MutableMapping[int, int] = field(default_factory=Values)
     registers: MutableMapping[int, int] = field(default_factory=Values)
-    refuse: bool = False
+    refusals: float = 0
+    delay_s: float = 0.0
+    lasts_s: float = math.inf
     exception: int = 0
     written: Callable[[str, int, int], object] = lambda kind, address, value: None
 
     def __post_init__(self) -> None:
         self._unit = MemoryUnit(self.coils, self.registers, self.exception)
         self._last: dict[tuple[str, int], int] = {}  # as written
+        self._closes_s: float | None = None  # while a connection is open
+        self._busy_until_s = 0.0
 
-    def answer(self, request: ModbusRequest, exchange: ModbusExchange) -> None:
-        """Carry a request out; a value that is written again, as a signal does all the time, is not reported again."""
-        if self.refuse:
-            exchange.complete(connection_error=errno.ECONNREFUSED)
-            return
+    def request(self, request: ModbusRequest) -> ModbusExchange:
+        """Carry a request out, or refuse it; answers come one after the other."""
+        now_s = self.log.now()
+        if self._closes_s is None:
+            if self.refusals > 0:
+                self.refusals -= 1
+                return self._failed(errno.ECONNREFUSED, now_s)
+            self._closes_s = now_s + self.lasts_s
+        arrives_s = max(now_s, self._busy_until_s) + self.delay_s
+        if arrives_s >= self._closes_s:
+            closes_s, self._closes_s = self._closes_s, None
+            return self._failed(DISCONNECTED, closes_s)
+        self._busy_until_s = arrives_s
+        exchange = _Delayed(arrives_s, self.log.now)
+        self._answer(request, exchange)
+        return exchange
+
+    def _failed(self, error: int, arrives_s: float) -> ModbusExchange:
+        exchange = _Delayed(arrives_s, self.log.now)
+        exchange.complete(connection_error=error)
+        return exchange
+
+    def _answer(self, request: ModbusRequest, exchange: ModbusExchange) -> None:
+        """A value that is written again, as a signal does all the time, is not reported again."""
         self._unit.answer(request, exchange)
         self._unit.requests.clear()
         kind = "coil" if request.function in _WRITES_COILS else "register"
@@ -68,9 +111,7 @@ class PeerModbus:
         peer = self._units.get(unit.address)
         if peer is None:
             return self._others.request(unit, request, sequential=sequential)
-        exchange = ModbusExchange()
-        peer.answer(request, exchange)
-        return exchange
+        return peer.request(request)
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None:
         if (peer := self._units.get(unit.address)) is not None:

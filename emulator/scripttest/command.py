@@ -11,11 +11,11 @@ from typing import Any
 from emulator.scripttest.coverage import coverage_table, lcov, merged
 from emulator.scripttest.profile import profile_table, speedscope
 from emulator.scripttest.reports import failure_text, junit, result_line, summary
-from emulator.scripttest.runner import Observation, Result, Status, run_test
-from emulator.scripttest.suite import SuiteError, Test, find_files, tests_of
+from emulator.scripttest.runner import Observation, Result, Status, run_options, run_test
 from urproto.durable import write_file
 from urproto.entry import SUCCESS, TROUBLE, usage_error
 from urscript.errors import ScriptError
+from urscript.scripttest.suite import SuiteError, Test, find_files, tests_of
 
 
 def run(options: Namespace) -> int:
@@ -48,7 +48,10 @@ def _collect(files: Sequence[Path], keyword: str) -> tuple[list[Test], list[Resu
     tests, unreadable = [], []
     for file in files:
         try:
-            tests += [test for test in tests_of(file) if keyword in test.title]
+            found = [test for test in tests_of(file) if keyword in test.title]
+            for test in found:
+                run_options(test.settings, {})
+            tests += found
         except ScriptError as error:
             unreadable.append(Result(str(file), Status.ERROR, error.render(str(file))))
         except (SuiteError, OSError) as error:

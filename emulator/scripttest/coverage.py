@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from emulator.builtins.host import ProgramHost
-from emulator.scripttest.program import TestProgram
 from urscript.compiler import FILE_NAME
 from urscript.parser import normalize, parse
 from urscript.runtime import ScriptThread
+from urscript.scripttest.program import TestProgram
 from urscript.syntax import Constant, FunctionDef, If, Statement, While, all_statements
 from urscript.work import run_to_end
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from emulator.builtins.host import ProgramHost
-from emulator.scripttest.program import Place, TestProgram
+from urscript.scripttest.program import Place, TestProgram
 
 Frame: TypeAlias = tuple[str, str, int]
 """Function, file and line."""

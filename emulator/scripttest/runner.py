@@ -2,21 +2,28 @@
 
 import re
 import time
+from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 from emulator.builtins import LIBRARIES
+from emulator.peers.connection import Peers
+from emulator.peers.file import parse_peers, read_peers
+from emulator.script_options import parsed
 from emulator.script_run import INTERRUPTED, Setup
 from emulator.scripttest.assertions import TestRun, assertions
 from emulator.scripttest.coverage import Coverage, StepCounter, coverage_of
 from emulator.scripttest.profile import Profiler, ThreadProfile
-from emulator.scripttest.program import PlacedError, TestProgram
-from emulator.scripttest.suite import Settings, Test
 from urproto.compat import StrEnum
 from urscript.builtins import LibrarySet
 from urscript.compiler import compile_script
 from urscript.errors import CompileError, ScriptError
+from urscript.scripttest.program import PlacedError, TestProgram
+from urscript.scripttest.suite import Settings, SuiteError, Test
+
+_DEFAULTS: Final = {"script-network": "none", "timeout": 300}  # s of robot time
 
 
 class Status(StrEnum):
@@ -54,6 +61,42 @@ class Result:
         return self.failure.split("\n", 1)[0]
 
 
+def run_options(settings: Settings, defaults: Mapping[str, Any]) -> Namespace:
+    """The options of ``urscript run`` for a test. Raises SuiteError."""
+    words = ["-"]
+    for name, value in {**_DEFAULTS, **defaults, **settings.options}.items():
+        words += _words(name, value, settings.where.parent)
+    try:
+        return parsed(words)
+    except ValueError as error:
+        raise SuiteError(f"{settings.where}: {error}") from error
+
+
+def _words(name: str, value: Any, folder: Path) -> list[str]:
+    """An option as on the command line: a mapping and a list repeat it, and files are relative to `folder`."""
+    match value:
+        case Mapping():
+            return [word for key, one in value.items() for word in (f"--{name}", f"{key}={_word(one)}")]
+        case list() if name == "joints":
+            return [f"--{name}", *map(_word, value)]
+        case list():
+            return [word for one in value for word in (f"--{name}", _word(one))]
+    file = folder / _word(value)
+    return [f"--{name}", str(file) if file.is_file() else _word(value)]
+
+
+def _word(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _peers(settings: Settings) -> Peers:
+    """New peers. Raises PeersError or OSError."""
+    folder = settings.where.parent
+    if isinstance(settings.peers, str):
+        return read_peers(folder / settings.peers)
+    return parse_peers(settings.peers or {}, "peers", folder)
+
+
 def run_test(test: Test, defaults: Mapping[str, Any], observation: Observation = Observation()) -> Result:
     """Run a test. defaults: options of ``urscript run`` for tests whose settings do not give them."""
     began = time.perf_counter()
@@ -61,7 +104,7 @@ def run_test(test: Test, defaults: Mapping[str, Any], observation: Observation =
         result = _run(test, defaults, observation)
     except ScriptError as error:
         result = Result(test.title, Status.ERROR, error.render(str(test.path)))
-    except (OSError, ValueError) as error:  # of settings and peers
+    except (OSError, ValueError) as error:  # of options and peers
         result = Result(test.title, Status.ERROR, f"{test.path}: {error}")
     result.wall_s = time.perf_counter() - began
     return result
@@ -69,8 +112,8 @@ def run_test(test: Test, defaults: Mapping[str, Any], observation: Observation =
 
 def _run(test: Test, defaults: Mapping[str, Any], observation: Observation) -> Result:
     settings = test.settings
-    options = settings.run_options(defaults)
-    setup = Setup.of(options, settings.make_peers())
+    options = run_options(settings, defaults)
+    setup = Setup.of(options, _peers(settings))
     run, program = TestRun(setup), test.make_program()
     programs = setup.controller.programs
     programs.texts.libraries = LibrarySet([*LIBRARIES, assertions(run)])

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from emulator import script_cli as cli
+from urscript.scripttest.program import Source
 
 ROOT = Path(__file__).resolve().parents[2]
 Go = Callable[..., tuple[int, str]]
@@ -170,6 +171,26 @@ def test_files_of_another_runner(go: Go) -> None:
     assert "::test_gripIsClosed PASSED" in out
     assert "::test_gripFails FAILED" in out
     assert "open: False is not True" in out
+
+
+@pytest.mark.parametrize(
+    ("text", "is_program", "definitions"),
+    [
+        ("def cell():\nend\n", True, [("cell", 1)]),
+        ("# a comment\n\ndef cell():\n  def f(a):\n  end\nend\n", True, [("cell", 3)]),
+        ("def f(a):\nend\n", False, [("f", 1)]),
+        ("thread t():\nend\n", False, [("t", 1)]),
+        ("x = 1\ndef f():\nend\n", False, [("f", 2)]),
+        ("def f():\nend\n\ndef g():\nend\n", False, [("f", 1), ("g", 4)]),
+    ],
+)
+def test_a_single_def_without_parameters_is_a_program(
+    text: str, is_program: bool, definitions: list[tuple[str, int]], tmp_path: Path
+) -> None:
+    (tmp_path / "a.script").write_text(text)
+    source = Source(tmp_path / "a.script")
+    assert (source.is_program, [(one.name, one.line) for one in source.definitions]) == (is_program, definitions)
+    assert source.variables() == []
 
 
 CELL = """def cell():

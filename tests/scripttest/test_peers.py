@@ -7,7 +7,7 @@ import pytest
 
 from emulator import script_cli as cli
 
-Talk = Callable[[str, str], tuple[int, list[str]]]
+Talk = Callable[..., tuple[int, list[str]]]
 CAMERA = """
 class Camera:
     def __init__(self):
@@ -35,13 +35,14 @@ class Plc:
 
 @pytest.fixture
 def talk(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Talk:
-    """talk(peers, statements) -> exit status, and the texts of the report up to the final state."""
+    """talk(peers, statements, model) -> exit status, and the texts of the report up to the final state."""
 
-    def run(peers: str, statements: str) -> tuple[int, list[str]]:
+    def run(peers: str, statements: str, model: str = "ur3") -> tuple[int, list[str]]:
         (tmp_path / "device.py").write_text(CAMERA)
         (tmp_path / "peers.yaml").write_text(peers)
         (tmp_path / "a.script").write_text(f"def f():\n{statements}\nend\n")
         options = ["--peers", str(tmp_path / "peers.yaml"), "--script-network", "none", "--timeout", "60"]
+        options += ["--model", model]
         status = cli.main(["run", str(tmp_path / "a.script"), *options])
         lines = capsys.readouterr().out.splitlines()
         return status, [line.partition("] ")[2] or line for line in lines if not line.startswith(("joints", "TCP"))]
@@ -192,6 +193,61 @@ def test_modbus_units(talk: Talk) -> None:
     status, found = talk(peers, statements)
     assert found[:2] == ["88", "15"]
     assert (status, found[-1]) == (1, "result  10.0.0.9 was not sent 'coil 16 = 1'; it was sent nothing")
+
+
+@pytest.mark.parametrize(
+    ("kind", "written", "sent"),
+    [
+        ("register", ("7", "7", "8", "7"), "'register 1 = 7', 'register 1 = 8', 'register 1 = 7'"),
+        ("register", ("0", "0", "0", "0"), "'register 1 = 0'"),
+        ("coil", ("True", "False", "False", "True"), "'coil 1 = 1', 'coil 1 = 0', 'coil 1 = 1'"),
+    ],
+)
+def test_a_value_is_reported_when_it_changes(kind: str, written: tuple[str, ...], sent: str, talk: Talk) -> None:
+    """A signal writes its value all the time."""
+    setter = "modbus_set_output_signal" if kind == "coil" else "modbus_set_output_register"
+    statements = f'modbus_add_signal("10.0.0.9", 255, 1, {1 if kind == "coil" else 3}, "out")\n'
+    statements += "sleep(0.3)\n" + "".join(f'{setter}("out", {value})\nsleep(0.3)\n' for value in written)
+    _, found = talk(
+        f"modbus: {{10.0.0.9: {{coils: {{1: 0}}, registers: {{1: 5}}, expect: [{kind} 2 = 1]}}}}", statements
+    )
+    assert found[-1] == f"result  10.0.0.9 was not sent '{kind} 2 = 1'; it was sent {sent}"
+
+
+POLLED = """modbus_add_signal("10.0.0.9", 255, 1, 2, "word")
+    modbus_set_signal_update_frequency("word", 50)
+    t = 0
+    changes = ""
+    last = 9999
+    while t < 1:
+      error = modbus_get_error("word", 2)
+      if error != last:
+        changes = str_cat(changes, str_cat(to_str(floor(t * 10 + 0.5)), str_cat(":", str_cat(to_str(error), " "))))
+        last = error
+      end
+      t = t + get_steptime()
+      sync()
+    end
+    textmsg(changes)
+    """
+
+
+@pytest.mark.parametrize(
+    ("unit", "errors"),
+    [
+        ("", "0:-1 0:0 "),
+        ("delay: 0.3", "0:-1 3:0 "),
+        ("refuse: true", "0:-1 0:111 "),
+        ("refuse: 15", "0:-1 0:111 3:0 "),
+        ("disconnect: 0.495", "0:-1 0:0 5:-2 5:0 "),
+        ("delay: 0.3, disconnect: 0.5", "0:-1 3:0 5:-2 8:0 "),
+        ("delay: 0.6, disconnect: 0.5", "0:-1 5:-2 "),
+    ],
+)
+def test_modbus_units_with_slow_and_broken_connections(unit: str, errors: str, talk: Talk) -> None:
+    """The errors of a signal that is polled at 50 Hz, each with its time [0.1 s]."""
+    status, found = talk(f"modbus: {{10.0.0.9: {{registers: {{1: 7}}, {unit}}}}}", POLLED, "ur5e")
+    assert (status, found[0]) == (0, errors)
 
 
 @pytest.mark.parametrize(

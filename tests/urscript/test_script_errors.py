@@ -134,8 +134,8 @@ RUNTIME_ERRORS = [
     (
         "def f():\n  def g():\n    return late + 1\n  end\n  g()\n  late = 2\nend",
         3,
-        17,
-        "A variable is used before it has a value",
+        12,
+        "Variable 'late' is used before it has a value",
     ),
     # a variable without a value goes nowhere: not into texts, functions, results, other variables
     *(

@@ -273,7 +273,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScriptTes
     named = parent.session.isinitpath(file_path)
     if not named and not parent.config.getini("ur_script_tests"):
         return None
-    from emulator.scripttest.suite import is_test_file
+    from urscript.scripttest.suite import is_test_file
 
     return ScriptTests.from_parent(parent, path=file_path) if named or is_test_file(file_path) else None
 
@@ -282,8 +282,8 @@ class ScriptTests(pytest.File):
     """A file of tests in URScript."""
 
     def collect(self) -> "Iterable[ScriptTest]":
-        from emulator.scripttest.suite import SuiteError, tests_of
         from urscript.errors import ScriptError
+        from urscript.scripttest.suite import SuiteError, tests_of
 
         try:
             return [ScriptTest.from_parent(self, name=test.name, test=test) for test in tests_of(self.path)]

@@ -9,5 +9,6 @@
     formats         how they are reported
     command         the options, and the exit status
 
-The language itself knows nothing of this package.
+The language itself knows nothing of this package. What a controller reports as well comes from the compiler: errors
+with their hints (`urscript.hints`), and calls that will fail (`urscript.literals`).
 """

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from urproto.versions import PolyscopeVersion
-from urscript.builtins import LibrarySet
 from urscript.check.names import owner_of
 from urscript.check.project import Project
 from urscript.check.rules import RULES
 from urscript.check.rules.compiler import BROKEN_NODE, code_of
+from urscript.check.signatures import libraries
 from urscript.check.sources import Source
 from urscript.check.subject import Subject
 from urscript.compile_expressions import Unit
@@ -40,14 +40,12 @@ class Finding:
         return RULES[self.code].error
 
 
-def findings(
-    sources: Mapping[PolyscopeVersion, Sequence[Source]], libraries: LibrarySet, project: Project
-) -> list[Finding]:
+def findings(sources: Mapping[PolyscopeVersion, Sequence[Source]], project: Project) -> list[Finding]:
     """What is found in a file for each version, in the order of its text."""
     merged: dict[tuple[int, int, str], Finding] = {}
     for version, row in sources.items():
         for source in row:
-            for found in _in_source(source, libraries, version, project):
+            for found in _in_source(source, version, project):
                 key = (found.line, found.column, found.code)
                 known = merged.get(key, found)
                 versions = known.versions if version in known.versions else (*known.versions, version)
@@ -55,15 +53,16 @@ def findings(
     return sorted(merged.values())
 
 
-def _in_source(source: Source, libraries: LibrarySet, version: PolyscopeVersion, project: Project) -> Iterable[Finding]:
+def _in_source(source: Source, version: PolyscopeVersion, project: Project) -> Iterable[Finding]:
     if source.broken_nodes:
         for line, message in source.broken_nodes if project.selects(BROKEN_NODE) else ():
             yield Finding(source.name, line, 1, BROKEN_NODE, message)
         return
     outside = project.known
-    known = Known(outside.functions, outside.variables, {*outside.undecided, *source.placeholders})
+    variables = {*outside.variables, *source.variables}
+    known = Known(outside.functions, variables, {*outside.undecided, *source.placeholders})
     selected = [rule for rule in RULES.values() if rule.find is not None and project.selects(rule.code)]
-    complete = not (source.script.inlined or source.open or source.placeholders)
+    complete = not (source.script.inlined or source.open or source.placeholders or source.in_tests)
 
     def inspect(unit: Unit) -> Iterable[ScriptWarning]:
         subject = Subject(unit, complete and unit.program.kind == "program" and bool(unit.program.body))
@@ -71,7 +70,7 @@ def _in_source(source: Source, libraries: LibrarySet, version: PolyscopeVersion,
             for node, message in rule.find(subject) if rule.find else ():
                 yield ScriptWarning(message, node.line, node.column, unit.source, rule.code)
 
-    problems = source.script.problems(libraries, version, known, inspect)
+    problems = source.script.problems(libraries(in_tests=source.in_tests), version, known, inspect)
     in_file, by_line = _ignored(source.lines)
     for problem in problems:
         code, place = code_of(problem), source.place(problem.line, problem.column)

@@ -14,7 +14,6 @@ from urscript.check.checking import Finding, findings
 from urscript.check.formats import FORMATS, Report
 from urscript.check.project import Project, project_of
 from urscript.check.rules.variables import UNUSED_INCLUDE
-from urscript.check.signatures import libraries
 from urscript.check.sources import SourceError, content, files_in, sources_in
 
 HELP: Final = "check programs and report all errors and warnings"
@@ -70,7 +69,7 @@ def _check(
     sources = {version: sources_in(_shown(file), data, project, version) for version in versions}
     for source in sources[versions[0]] if project.sources else ():
         words.setdefault(project, set()).update(_WORD.findall(source.script.text))
-    return findings(sources, libraries(), project)
+    return findings(sources, project)
 
 
 def _files(name: str) -> Iterator[str]:

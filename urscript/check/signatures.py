@@ -29,15 +29,18 @@ _RESULTS: Final[dict[str, Any]] = {
     "text": str,
 }
 """The annotations of results that the compiler distinguishes."""
-_FLAGS: Final = ("host", "takes_scope", "variadic", "takes_time")
+_IN_TESTS: Final = "tests"
+"""The chapter of what only tests can call; the table does not name any other."""
+_FLAGS: Final = ("host", "takes_scope", "variadic", "takes_time", _IN_TESTS)
 
 
 @cache
-def libraries() -> LibrarySet:
-    """The built-ins of all versions."""
+def libraries(*, in_tests: bool = False) -> LibrarySet:
+    """The built-ins of all versions; with those that only tests of programs can call."""
     library = Library("")
     with TABLE.open(encoding="utf-8", newline="") as file:
-        library.builtins.update((row["name"], _read(row)) for row in csv.DictReader(file))
+        rows = [row for row in csv.DictReader(file) if in_tests or _IN_TESTS not in row["flags"].split()]
+        library.builtins.update((row["name"], _read(row)) for row in rows)
     return LibrarySet([library])
 
 
@@ -50,7 +53,7 @@ def table(builtins: Iterable[Builtin]) -> Iterator[tuple[str, ...]]:
             builtin.name,
             "; ".join(map(_parameter_text, builtin.parameters)),
             next((word for word, annotation in _RESULTS.items() if annotation == builtin.result), ""),
-            " ".join(flag for flag in _FLAGS if getattr(builtin, flag)),
+            " ".join(flag for flag in _FLAGS if flag == builtin.chapter or getattr(builtin, flag, False)),
             *(str(version or "") for version in available),
         )
 
@@ -75,7 +78,7 @@ def _read(row: dict[str, str]) -> Builtin:
     versions = (PolyscopeVersion.parse(row[line]) if row[line] else None for line in ("cb3", "e", "x"))
     return Builtin(
         name=row["name"],
-        chapter="",
+        chapter=_IN_TESTS if _IN_TESTS in flags else "",
         function=_absent,
         host="host" in flags,
         takes_scope="takes_scope" in flags,

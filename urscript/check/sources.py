@@ -1,7 +1,7 @@
 """The programs to check, and where their lines are: in script files, templates, program trees, Python and C++."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
@@ -11,7 +11,9 @@ from urproto.versions import PolyscopeVersion
 from urscript.check.embedded import READERS, Embedded
 from urscript.check.project import Project
 from urscript.check.templates import filled
+from urscript.errors import ScriptError
 from urscript.files import ScriptFile
+from urscript.scripttest.suite import is_test_file, whole_program
 from urscript.work import run_to_end
 
 MAX_BYTES: Final = 4 << 20
@@ -29,6 +31,7 @@ class Source:
     """One text of programs. name: of its file; place: maps a line and column of the text; lines: of the file.
 
     broken_nodes: nodes of a program tree from which PolyScope makes no script, each with its line and a message.
+    variables: further ones that exist. in_tests: whether it is a file of tests, with the program that it tests.
     """
 
     name: str
@@ -39,6 +42,8 @@ class Source:
     open: bool = False
     embedded: bool = False
     broken_nodes: Sequence[tuple[int, str]] = ()
+    variables: Collection[str] = ()
+    in_tests: bool = False
 
 
 class SourceError(Exception):
@@ -84,7 +89,7 @@ def sources_in(name: str, data: bytes | None, project: Project, version: Polysco
             return [_embedded_source(name, found, text.split("\n")) for found in READERS[path.suffix](text)]
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise SourceError(f"{name}: {getattr(error, 'strerror', None) or error}") from None
-    return [_script_source(name, path, data, project)]
+    return [_test_source(name, path, data) or _script_source(name, path, data, project)]
 
 
 def content(name: str, file: BinaryIO) -> bytes:
@@ -109,6 +114,26 @@ def _script_source(name: str, path: Path, data: bytes, project: Project) -> Sour
         return _on(lines, line - before, column) if line > before else None
 
     return Source(name, script, place, lines, placeholders, project.matches(project.open, path))
+
+
+def _test_source(name: str, path: Path, data: bytes) -> Source | None:
+    """A file of tests with the program that it tests; None for another file, or if that program is not complete."""
+    if not is_test_file(path) or not path.is_file():
+        return None
+    try:
+        whole = whole_program(path)
+    except (ScriptError, ValueError, OSError):  # ``urscript test`` reports it
+        return None
+    lines = from_bytes(data).split("\n")
+
+    def place(line: int, column: int) -> Place | None:
+        found = whole.place(line, column)
+        if found is None:  # where the whole ends without what the file lacks
+            return _on(lines, len(lines), 1)
+        return _on(lines, found.line, found.column) if found.path == path else None
+
+    script = ScriptFile(path.stem, to_bytes(whole.text))
+    return Source(name, script, place, lines, variables=whole.variables, in_tests=True)
 
 
 def _on(lines: list[str], line: int, column: int) -> Place:

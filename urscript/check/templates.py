@@ -5,7 +5,7 @@ from typing import Final
 
 _HOLE: Final = r"(?:\{\{[^{}\n]*\}\}|\{[^{}\n]*\})"
 _PLACEHOLDER: Final = re.compile(
-    rf'"[^"\n{{}}]*"|#[^\n]*|(?P<line>(?m:^[ \t]*{_HOLE}[ \t]*$))|\w{{0,50}}{_HOLE}(?:\w|{_HOLE})*'
+    rf'"[^"\n{{}}]*"|#[^\n]*|(?P<line>(?m:^[ \t]*{_HOLE}[ \t]*(?:#[^\n]*)?$))|\w{{0,50}}{_HOLE}(?:\w|{_HOLE})*'
 )
 _LAST_ARGUMENT: Final = re.compile(r"(=[^=(),\n]*)(,[ \t]*\{\{?[^{}\n]*\}\}?)(?=[ \t]*\))")
 """A placeholder after an argument by name: it stands for further ones."""

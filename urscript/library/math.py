@@ -1,6 +1,7 @@
 """Numbers, vectors and matrices (Script Manual, module urmath)."""
 
 import math
+from collections.abc import Callable
 
 from urproto.robots.pose import pose_inv
 from urscript.builtins import Library
@@ -27,9 +28,13 @@ LIBRARY = Library("urmath")
 _BITS = 32
 
 
-def _rounded(value: float) -> Value:
-    """Convert to an int if it fits into 32 bits; otherwise the float itself (a guess)."""
-    return int(value) if INT_MIN <= value <= INT_MAX else float(value)
+def _rounded(rounding: Callable[[float], int], value: float) -> float:
+    """An int if it fits into 32 bits; otherwise a float (a guess)."""
+    try:
+        whole = rounding(value)
+    except (OverflowError, ValueError):  # infinite, or not a number
+        return value
+    return whole if INT_MIN <= whole <= INT_MAX else float(whole)
 
 
 def _domain(name: str, allowed: bool, needs: str, value: float) -> None:
@@ -96,13 +101,13 @@ def r2d(r: Num) -> float:
 @LIBRARY.builtin()
 def ceil(f: Num) -> float:
     """The smallest int that is not less than `f`."""
-    return _rounded(math.ceil(f)) if math.isfinite(f) else f
+    return _rounded(math.ceil, f)
 
 
 @LIBRARY.builtin()
 def floor(f: Num) -> float:
     """The largest int that is not greater than `f`."""
-    return _rounded(math.floor(f)) if math.isfinite(f) else f
+    return _rounded(math.floor, f)
 
 
 @LIBRARY.builtin()

@@ -18,6 +18,7 @@ _NUMBER = re.compile(
 _LONGEST_INT = 400  # digits, more than any number in range has
 _SHORT_INT = 10  # digits, all of which are in range
 _DECIMAL = re.compile(r"-?[0-9]{1,12}\.[0-9]{1,12}").fullmatch
+_SHORT_DECIMAL = 16  # characters
 _SHORT = 64  # bytes, which take no time to search
 _SPECIAL = re.compile(r"[ \t\r\n\f\v]*([+-]?)(inf|infinity|nan)\Z", re.IGNORECASE)
 
@@ -85,8 +86,12 @@ def str_sub(src: Str, index: Int, length: Int | None = None) -> str:
 
     A runtime error when `index` is outside 0..str_len(src) or the length is negative.
     """
-    if src.isascii() and 0 <= index <= len(src) and (length is None or length >= 0):  # the usual case
-        return src[index:] if length is None else src[index : index + length]
+    if index >= 0 and src.isascii():  # the usual case
+        if length is None:
+            if index <= len(src):
+                return src[index:]
+        elif length >= 0 and index <= len(src):
+            return src[index : index + length]
     if not 0 <= index <= _length(src):
         raise RuntimeFault(f"str_sub: index {index} is outside a string of {_length(src)} bytes")
     if length is not None and length < 0:
@@ -101,7 +106,13 @@ def to_num(str_: Str) -> float:
     Leading blanks, a sign, 0x, INF and NAN are accepted. Anything else is a runtime error, as is an int beyond 32 bits
     or a number too large for a float.
     """
-    if str_.isdigit() and str_.isascii() and len(str_) < _SHORT_INT:  # the usual case
+    if "." in str_:  # the usual cases
+        if len(str_) < _SHORT_DECIMAL and not str_.strip("+-.0123456789"):
+            try:
+                return float(str_)
+            except ValueError:
+                pass
+    elif len(str_) < _SHORT_INT and str_.isdigit() and str_.isascii():
         return int(str_)
     if _DECIMAL(str_):
         return float(str_)

@@ -1,8 +1,11 @@
 """What surrounds a program: the project file, templates, host files, program trees."""
 
+from typing import cast
+
 import pytest
 
 from emulator.builtins import LIBRARIES
+from emulator.scripttest.assertions import TestRun, assertions
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
@@ -190,10 +193,65 @@ def test_a_folder_has_scripts_and_program_trees_without_one(check, findings):
     assert check.err.startswith("urscript: no.urp: ")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def f():\n  t = time()\n  textmsg(t.sec - t.nanosec)\nend\n",
+        "def f():\n  {% if NEW %} # from 5.23\n    sync()\n  {% endif %}\nend\n",
+    ],
+    ids=["a member named sec", "a placeholder with a comment"],
+)
+def test_forms_of_public_programs(findings, text):
+    project = 'templates = ["*"]\nprovides = ["time()"]\n'
+    assert findings({"urscript.toml": project, "a.script": text}, "a.script") == []
+
+
+OWN_TESTS = {
+    "cell.script": 'def cell():\n  name = "a"\n  def grip(n):\n    return lift(n)\n  end\n  grip(1)\nend\n',
+    "lib/lift.script": "def lift(n):\n  return n\nend\n",
+    "lib/io.mock.script": "def mock_get_standard_digital_in(n):\n  return n == known\nend\nknown = 1\n",
+    "test_cell.yaml": "program: [cell.script, lib/lift.script]\nmocks: lib/io.mock.script\n",
+    "test_cell.script": """def mock_lift(n):
+  return lift(n) + wrong
+end
+def before_each():
+  name = "b"
+end
+def test_grip():
+  cell()
+  lift(1) lift(missing)
+  assert_equal(grip(2), 2, message="grips")
+  assert_true(get_standard_digital_in(known), about="no such")
+end
+""",
+}
+RIVALS_TESTS = {
+    "urtester.config.json": '{"sources": {"global": {"scripts": {"include": ["src/*.script"]}}},'
+    ' "mocks": {"include": ["mocks/*"]}}',
+    "src/tool.script": "def grip(n):\n  return n\nend\n",
+    "src/tests/tool.test.script": "local closed = False\ndef beforeEach():\n  closed = True\nend\n"
+    'def test_grip():\n  assertEqual(name = "a", result = grip(0), expected = closed)\n  setIgnoreErrorCode(1)\nend\n',
+    "mocks/io.mock.script": "def mock_sleep(t):\n  sync()\nend\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("files", "file", "expected"),
+    [
+        (OWN_TESTS, "test_cell.script", [(2, 20, "URS002"), (9, 16, "URS002"), (11, 3, "URS101")]),
+        (RIVALS_TESTS, "src/tests/tool.test.script", []),
+        ({"test_alone.script": "def test_x():\n  assert_true(gone())\n"}, "test_alone.script", [(3, 1, "URS001")]),
+        ({"other.script": "assert_true(True)\n"}, "other.script", [(1, 1, "URS002")]),
+    ],
+)
+def test_tests_are_checked_together_with_their_program(findings, files, file, expected):
+    assert findings(files, file) == [(file, *found) for found in expected]
+
+
 def test_the_signatures_are_those_of_the_emulator():
     """They are written by docs/generate.py; every part that the compiler reads comes back."""
-    known = signatures.libraries().builtins
-    for name, builtin in LibrarySet(LIBRARIES).builtins.items():
+    known = signatures.libraries(in_tests=True).builtins
+    for name, builtin in LibrarySet([*LIBRARIES, assertions(cast(TestRun, None))]).builtins.items():
         assert [*signatures.table([builtin])] == [*signatures.table([known[name]])]
         assert [(p.kind, p.optional, p.required) for p in builtin.parameters] == [
             (p.kind, p.optional, p.required) for p in known[name].parameters

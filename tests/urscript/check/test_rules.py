@@ -6,7 +6,6 @@ from urproto.versions import PolyscopeVersion
 from urscript.check.checking import findings
 from urscript.check.project import Project
 from urscript.check.rules import RULES
-from urscript.check.signatures import libraries
 from urscript.check.sources import sources_in
 
 VERSION = PolyscopeVersion.parse("5.22")
@@ -15,7 +14,7 @@ POSES = "global a=p[0,0,0,0,0,0]\n global b=p[0.1,0,0,0,0,0]\n global c=p[0.2,0,
 
 def found(text: str, version: PolyscopeVersion = VERSION) -> list[tuple[str, int]]:
     sources = {version: sources_in("f.script", text.encode(), Project(), version)}
-    return [(finding.code, finding.line) for finding in findings(sources, libraries(), Project())]
+    return [(finding.code, finding.line) for finding in findings(sources, Project())]
 
 
 def body(*lines: str) -> str:

@@ -126,17 +126,27 @@ class _Lines:
 class TestProgram(ScriptFile):
     """The program of a test. tested: the files under test. calls: statements at its end.
 
-    Raises CompileError for a file that cannot be inserted.
+    assigns: whether it begins with an assignment to each variable of the tested program, so that it exists. Raises
+    CompileError for a file that cannot be inserted.
     """
 
     __test__ = False  # not a class of tests for pytest
 
-    def __init__(self, tested: Sequence[Source], mocks: Sequence[Source], test: Source, calls: Iterable[str]) -> None:
+    def __init__(
+        self,
+        tested: Sequence[Source],
+        mocks: Sequence[Source],
+        test: Source,
+        calls: Iterable[str],
+        *,
+        assigns: bool = True,
+    ) -> None:
         mocked = dict.fromkeys(name for source in (*mocks, test) for name in source.mocks)
         lines = _Lines()
         lines.add(f"def {_NAME}():")
-        if variables := dict.fromkeys(name for source in tested for name in source.variables()):
-            lines.add("if False:", *(f"{name} = 0" for name in variables), "end")
+        self.variables = dict.fromkeys(name for source in tested for name in source.variables())
+        if self.variables and assigns:
+            lines.add("if False:", *(f"{name} = 0" for name in self.variables), "end")
         for source in (*tested, *mocks, test):
             lines.insert(source, mocked)
         lines.add(*calls, "end")

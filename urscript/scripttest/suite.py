@@ -7,23 +7,18 @@ folder).
 """
 
 import re
-from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from glob import glob
 from pathlib import Path
 from typing import Any, Final
 
-from emulator.peers.connection import Peers
-from emulator.peers.file import parse_peers, read_peers
-from emulator.script_options import parsed
-from emulator.scripttest.program import Source, TestProgram
 from urproto.yamltext import InvalidYamlError, load_yaml
+from urscript.scripttest.program import Source, TestProgram
 
 _TEST_FILE: Final = re.compile(r"test_(\w+)\.script|(\w+)[_.]test\.script")
 _RIVAL: Final = "urtester.config.json"
 _OWN: Final = ("program", "mocks", "fails", "logs", "peers", "tests")
-_DEFAULTS: Final = {"script-network": "none", "timeout": 300}  # s of robot time
 _EACH: Final = ("before", "after")
 
 
@@ -35,32 +30,17 @@ class SuiteError(ValueError):
 class Settings:
     """Settings of a test.
 
-    folder: to which their paths are relative. fails: a regular expression of the failure. logs: what it has to report.
+    where: their file, or that of the test; paths are relative to its folder. fails: a regular expression of the
+    failure. logs: what it has to report. options: of ``urscript run``.
     """
 
-    folder: Path
+    where: Path
     program: tuple[Path, ...] = ()
     mocks: tuple[Path, ...] = ()
     fails: str = ""
     logs: tuple[str, ...] = ()
     peers: Any = None
     options: Mapping[str, Any] = field(default_factory=dict)
-
-    def run_options(self, defaults: Mapping[str, Any]) -> Namespace:
-        """The options of the run. Raises SuiteError."""
-        words = ["-"]
-        for name, value in {**_DEFAULTS, **defaults, **self.options}.items():
-            words += _words(name, value, self.folder)
-        try:
-            return parsed(words)
-        except ValueError as error:
-            raise SuiteError(str(error)) from error
-
-    def make_peers(self) -> Peers:
-        """New peers. Raises PeersError or OSError."""
-        if isinstance(self.peers, str):
-            return read_peers(self.folder / self.peers)
-        return parse_peers(self.peers or {}, "peers", self.folder)
 
 
 @dataclass(frozen=True)
@@ -85,7 +65,7 @@ class Test:
         names = {one.name.replace("_", "").lower(): one.name for one in test.definitions}
         before, after = (names.get(f"{when}each") for when in _EACH)
         calls = [f"{name}()" for name in (before, self.name, after) if name]
-        tested, mocks = ([Source(path) for path in paths] for paths in (self.settings.program, self.settings.mocks))
+        tested, mocks = (list(map(Source, paths)) for paths in (self.settings.program, self.settings.mocks))
         return TestProgram(tested, mocks, test, calls)
 
 
@@ -114,6 +94,14 @@ def tests_of(path: Path) -> list[Test]:
     return [Test(path, one.name, one.line, by_test.get(one.name, settings)) for one in found]
 
 
+def whole_program(path: Path) -> TestProgram:
+    """Everything that the tests of a file use, as one program to be checked. Raises like `tests_of`."""
+    common, by_test = _settings(path)
+    files = {one: None for settings in (common, *by_test.values()) for one in settings.program}
+    mocks = {one: None for settings in (common, *by_test.values()) for one in settings.mocks}
+    return TestProgram([*map(Source, files)], [*map(Source, mocks)], Source(path), [], assigns=False)
+
+
 # settings
 
 
@@ -130,7 +118,7 @@ def _settings(path: Path) -> tuple[Settings, dict[str, Settings]]:
     rival = next((parent / _RIVAL for parent in path.absolute().parents if (parent / _RIVAL).is_file()), None)
     if rival is not None:
         return _of_rival(rival), {}
-    return Settings(path.parent, tuple(path.parent / name for name in _named_after(path))), {}
+    return Settings(path, tuple(path.parent / name for name in _named_after(path))), {}
 
 
 def _named_after(path: Path) -> list[str]:
@@ -144,15 +132,12 @@ def _read(content: Mapping[str, Any], where: Path) -> Settings:
     options = {name: value for name, value in content.items() if name not in _OWN}
     program, mocks = (_files(content.get(name, []), where) for name in ("program", "mocks"))
     logs = tuple(str(text) for text in _list(content.get("logs", [])))
-    settings = Settings(
-        where.parent, program, mocks, str(content.get("fails", "")), logs, content.get("peers"), options
-    )
+    fails = str(content.get("fails", ""))
     try:
-        settings.run_options({})
-        re.compile(settings.fails)
-    except (SuiteError, re.error) as error:
+        re.compile(fails)
+    except re.error as error:
         raise SuiteError(f"{where}: {error}") from error
-    return settings
+    return Settings(where, program, mocks, fails, logs, content.get("peers"), options)
 
 
 def _files(names: Any, where: Path) -> tuple[Path, ...]:
@@ -172,7 +157,7 @@ def _of_rival(path: Path) -> Settings:
     version = content.get("controller", {}).get("autoLaunch", {}).get("version")
     mocks = content.get("mocks", {"include": ["__mocks__/**/*.mock.script"]})
     options = {"polyscope": version} if version else {}
-    return Settings(path.parent, _matching(scripts), _matching(mocks), options=options)
+    return Settings(path, _matching(scripts), _matching(mocks), options=options)
 
 
 def _matching(patterns: Mapping[str, Any]) -> tuple[Path, ...]:
@@ -183,28 +168,8 @@ def _matching(patterns: Mapping[str, Any]) -> tuple[Path, ...]:
     return tuple(Path(name) for name in sorted(included - excluded))
 
 
-def _words(name: str, value: Any, folder: Path) -> Iterator[str]:
-    """An option as on the command line: a mapping and a list repeat it, and files are relative to `folder`."""
-    option = f"--{name}"
-    if isinstance(value, Mapping):
-        for key, one in value.items():
-            yield from (option, f"{key}={_word(one)}")
-    elif isinstance(value, list) and name != "joints":
-        for one in value:
-            yield from (option, _word(one))
-    elif isinstance(value, list):
-        yield from (option, *map(_word, value))
-    else:
-        word = _word(value)
-        yield from (option, str(folder / word) if (folder / word).is_file() else word)
-
-
 def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
-
-
-def _word(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _loaded(path: Path) -> Any:
