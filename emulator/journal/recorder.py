@@ -83,6 +83,7 @@ class Recorder:
         self._checked = checked
         self._numbers = Numbers()
         self._ticking = False
+        self._held: list[Record] | None = None  # while a fault is injected: what that causes
         self._late: list[Record] = []  # of commands posted during a period, which apply to the next one
         self._sums = Checksums()
         self._checksums = array("L")
@@ -170,12 +171,29 @@ class Recorder:
         """Call a verb; returns its result, or its steps with an eye on whether somebody waits for their end."""
         if name in _LOADING:
             self._look_at_files()
-        number, self._verbs = self._verbs, self._verbs + 1
-        self._write("verb", name, encode(dict(arguments), self._numbers), client)
-        result = call()
+        given = encode(dict(arguments), self._numbers)
         if name == "inject_fault":
-            self._faults = result
+            return self._injected(name, given, call, client)
+        number, self._verbs = self._verbs, self._verbs + 1
+        self._write("verb", name, given, client)
+        result = call()
         return self._watched(number, result) if isinstance(result, Generator) else result
+
+    def _injected(self, name: str, given: Any, call: Callable[[], int], client: str) -> int:
+        """Inject a fault: one that is refused has no effect and no number, and is not recorded."""
+        self._held = held = list[Record]()
+        accepted = False
+        try:
+            self._faults = call()
+            accepted = True
+        finally:
+            self._held = None
+            if accepted:
+                self._verbs += 1
+                self._write("verb", name, given, client)
+            for record in held:
+                self._add(record)
+        return self._faults
 
     def _watched(self, number: int, steps: Generator[None, None, Any]) -> Generator[None, None, Any]:
         self._waiting += 1
@@ -274,7 +292,9 @@ class Recorder:
         self._add([self.periods, kind, *encoded])
 
     def _add(self, record: Record) -> None:
-        if not self._broken:
+        if self._held is not None:
+            self._held.append(record)
+        elif not self._broken:
             self._writer.add(record)
 
     def _attempt(self, work: Callable[[], object]) -> None:

@@ -264,6 +264,20 @@ def test_a_journal_in_memory_is_given_up_when_it_is_too_long_and_a_ring_begins_a
     recorder.close()
 
 
+def test_a_refused_fault_has_no_number_in_a_replay_either():
+    robot = virtual_robot("ur3", running=True, checked=True)
+    with pytest.raises(NotPossible, match="dynamic"):
+        robot.inject_fault("lost_brake", joint=1)
+    number = robot.inject_fault("lagging_joint", joint=2, delay_s=0.1)
+    robot.send_script(MOVE)
+    robot.step(100)
+    robot.clear_fault(number)
+    robot.step(100)
+    with Replay(robot.journal) as replay:
+        replay.run()
+        assert (replay.difference, replay.periods) == (None, 200)
+
+
 def test_a_ring_drops_what_is_older_once_another_process_has_proven_new_beginnings():
     robot = virtual_robot("ur5e", running=True, recorded=False)
     recorder = record(robot, Ring(segment_s=2.0))
