@@ -34,6 +34,8 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
+    "pygls": ("urscript.editor.server",),
+    "lsprotocol": ("urscript.editor.server",),
     "em": ("client.ros2.message_builder",),
     "rosidl_parser": ("client.ros2.message_builder",),
     "rclpy": ("client.ros2",),
@@ -293,10 +295,12 @@ def _not_allowed(name: str, imported: str) -> str | None:
     if package == "client" and top == "urscript" and not within(imported, CLIENT_MAY_IMPORT_OF_URSCRIPT):
         return "see CLIENT_MAY_IMPORT_OF_URSCRIPT"
     if package == "urscript" and top == "urproto":
-        outer = within(name, ("urscript.polyscope", "urscript.check"))
+        outer = within(name, ("urscript.polyscope", "urscript.check", "urscript.editor"))
         allowed = POLYSCOPE_MAY_IMPORT if outer else URSCRIPT_MAY_IMPORT
         return None if within(imported, allowed) else "the language is independent of robots"
-    if within(name, ("urscript.check",)):  # checks programs of all kinds
+    if within(imported, ("urscript.editor",)) and not within(name, ("urscript.editor", "urscript.__main__", "emulator")):
+        return "the language and its checks know nothing of editors"
+    if within(name, ("urscript.check", "urscript.editor")):  # programs of all kinds
         return None
     if within(imported, ("urscript.check",)) and package == "urscript" and name != "urscript.__main__":
         return "the language knows nothing of checks"
