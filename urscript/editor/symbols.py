@@ -32,6 +32,7 @@ class Scope:
     kind: str
     name: str
     first: int
+    outer: "Scope | None" = None
     unit: "Scope" = field(init=False)
     last: int = 0
     parameters: list[str] = field(default_factory=list)
@@ -116,7 +117,7 @@ class Symbols:
 
     def _scope(self, at: int, outer: Scope, *, inlined: bool) -> Scope:
         named = self._tokens[at + 1]
-        scope = Scope(len(self.scopes), self._tokens[at].kind, named.text if named.kind == "name" else "", at)
+        scope = Scope(len(self.scopes), self._tokens[at].kind, named.text if named.kind == "name" else "", at, outer)
         program = outer.kind == "file" and not inlined and scope.kind != "thread"
         scope.unit = scope if program else outer.unit
         scope.unit.functions.setdefault(scope.name, scope)
