@@ -7,6 +7,7 @@ is checked alone.
 
 import asyncio
 import logging
+import os
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator
@@ -339,8 +340,8 @@ def _outline(document: Document, scope: Scope) -> Iterator[types.DocumentSymbol]
             children = list(_outline(document, inner))
             yield types.DocumentSymbol(inner.name, _KINDS[inner.kind], whole, name, children=children)
     seen: set[str] = set()
-    for found in document.symbols.occurrences:
-        if found.scope is scope is scope.unit and found.defines and found.role == "variable" and found.name not in seen:
+    for found in document.symbols.occurrences if scope is scope.unit else ():
+        if found.scope is scope and found.defines and found.role == "variable" and found.name not in seen:
             seen.add(found.name)
             place = _token_range(document, found.token)
             yield types.DocumentSymbol(found.name, types.SymbolKind.Variable, place, place)
@@ -434,5 +435,5 @@ def serve(options: Namespace) -> int:
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_OneLine())
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
-    make_server(options).start_io()
+    make_server(options).start_io(stdout=os.fdopen(os.dup(sys.stdout.fileno()), "wb"))  # which it closes
     return SUCCESS
