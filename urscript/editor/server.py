@@ -19,6 +19,7 @@ from typing import Any, Final, TypeVar
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException, JsonRpcInvalidParams
 from pygls.lsp.server import LanguageServer
+from pygls.protocol import LanguageServerProtocol
 from pygls.uris import from_fs_path, to_fs_path
 
 from urproto.entry import SUCCESS
@@ -57,11 +58,23 @@ _log: Final = logging.getLogger(__name__)
 AnswerT = TypeVar("AnswerT")
 
 
+class _Protocol(LanguageServerProtocol):
+    """Answers requests that cannot be read, too: an editor would wait for ever."""
+
+    def structure_message(self, data: dict[str, Any]) -> Any:
+        try:
+            return super().structure_message(data)
+        except JsonRpcException as error:
+            if "id" in data and "method" in data:
+                self._send_response(data["id"], error=error.to_response_error())
+            raise
+
+
 class Server(LanguageServer):
     """The documents that an editor has open, by their address, and what was last found in each."""
 
     def __init__(self, options: Namespace) -> None:
-        super().__init__(_NAME, "1", types.TextDocumentSyncKind.Full)
+        super().__init__(_NAME, "1", types.TextDocumentSyncKind.Full, protocol_cls=_Protocol)
         self.options = options
         self.documents: dict[str, Document] = {}
         self.checked: dict[str, tuple[Document, list[Finding]]] = {}

@@ -104,6 +104,12 @@ def damage(text, chosen):
             return text[:at] + text[there : there + 12] + text[at:]
 
 
+def test_a_request_that_is_none_has_an_answer(editor):
+    answer = editor.request("textDocument/hover", {"textDocument": 1})
+    assert answer["error"]["message"] == "Invalid Params"
+    assert "Invalid Params" in editor.close()
+
+
 @pytest.mark.parametrize("count", [200, pytest.param(2000, marks=pytest.mark.long)])
 def test_every_request_is_answered(editor, count):
     chosen = random.Random(7)
@@ -117,9 +123,11 @@ def test_every_request_is_answered(editor, count):
         editor.send({"method": "textDocument/didChange", "params": change})
         place = {"line": chosen.randrange(32), "character": chosen.randrange(60)}
         method = chosen.choice(AT_A_PLACE if number % 2 else OF_A_TEXT)
-        params = {"textDocument": document, "position": place, "context": {"includeDeclaration": True}}
-        if method == "formatting":
-            params["options"] = {"tabSize": 2, "insertSpaces": True}
+        more = {
+            "references": {"context": {"includeDeclaration": True}},
+            "formatting": {"options": {"tabSize": 2, "insertSpaces": True}},
+        }
+        params = {"textDocument": document, "position": place, **more.get(method, {})}
         answer = editor.request(f"textDocument/{method}", params)
         if "error" in answer:
             wrong.append((method, answer["error"]["message"], text))
