@@ -298,7 +298,9 @@ def _not_allowed(name: str, imported: str) -> str | None:
         outer = within(name, ("urscript.polyscope", "urscript.check", "urscript.editor"))
         allowed = POLYSCOPE_MAY_IMPORT if outer else URSCRIPT_MAY_IMPORT
         return None if within(imported, allowed) else "the language is independent of robots"
-    if within(imported, ("urscript.editor",)) and not within(name, ("urscript.editor", "urscript.__main__", "emulator")):
+    if within(imported, ("urscript.editor",)) and not within(
+        name, ("urscript.editor", "urscript.__main__", "emulator")
+    ):
         return "the language and its checks know nothing of editors"
     if within(name, ("urscript.check", "urscript.editor")):  # programs of all kinds
         return None

@@ -17,7 +17,7 @@ from urscript.check.project import Project
 from urscript.check.rules.variables import type_in_words
 from urscript.check.signatures import libraries, result_word
 from urscript.check.sources import SCRIPTS, Source, sources_in
-from urscript.editor.symbols import Block, Key, Occurrence, Scope, Symbols
+from urscript.editor.symbols import Block, Occurrence, Scope, Symbols
 from urscript.editor.text import Places
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
@@ -39,7 +39,7 @@ _NEEDS_THE_REST: Final = "not inside a loop"
 
 @dataclass(eq=False)
 class Document:
-    """A text and the project it belongs to. versions: those it is checked for; the first one decides what is offered."""
+    """A text and its project. versions: those it is checked for; the first one decides what is offered."""
 
     path: Path
     text: str
@@ -106,7 +106,11 @@ class Document:
         """The name at or directly before an offset."""
         at = self.token_at(offset)
         for token in (at, at - 1):
-            if token >= 0 and self.tokens[token].kind == "name" and self.span(token)[0] <= offset <= self.span(token)[1]:
+            if (
+                token >= 0
+                and self.tokens[token].kind == "name"
+                and self.span(token)[0] <= offset <= self.span(token)[1]
+            ):
                 return self.symbols.at_token(token)
         return None
 
@@ -130,7 +134,9 @@ class Document:
             return None
         lines = self.text.split("\n")
         before = self.places.line(start) - 1
-        text = f"{_PROGRAM_BEFORE}{' ' * (start - self.places.offset(before + 1, 1))}{self.text[start : end + grown]}\nend"
+        text = (
+            f"{_PROGRAM_BEFORE}{' ' * (start - self.places.offset(before + 1, 1))}{self.text[start : end + grown]}\nend"
+        )
         until = text.count("\n") - 1
         names = {*scope.variables, *scope.unit.functions}
 
@@ -143,7 +149,9 @@ class Document:
         old = range(before + 1, base.places.line(end) + 1)
         more = len(lines) - base.text.count("\n") - 1
         kept = [
-            replace(one, line=one.line if one.line < old.start else one.line + more) for one in known if one.line not in old
+            replace(one, line=one.line if one.line < old.start else one.line + more)
+            for one in known
+            if one.line not in old
         ]
         return sorted([*kept, *(one for one in found if _NEEDS_THE_REST not in one.message)])
 
@@ -218,10 +226,6 @@ class Document:
         while lines and lines[-1].lstrip().startswith("#"):
             comment.insert(0, lines.pop().strip().lstrip("#").strip())
         return "\n".join(comment)
-
-    def defined(self, key: Key) -> list[Occurrence]:
-        """Where this text defines what a key stands for."""
-        return self.symbols.definitions(self.symbols.uses(key))
 
     def about(self, found: Occurrence) -> str:
         """What there is to say about a name, as Markdown; empty if there is nothing."""

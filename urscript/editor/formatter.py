@@ -17,8 +17,10 @@ from urscript.work import run_to_end
 _INDENT: Final = "  "  # as PolyScope writes it
 _OPENING: Final = frozenset(["def", "sec", "thread", "if", "while"])
 _BRANCHES: Final = frozenset(["else", "elif"])
-_OPERATORS: Final = frozenset("== != <= >= < > + - * / % = and or xor .".split())
-_CONTINUED: Final = _OPERATORS | frozenset(["not", "!", "if", "elif", "while", "global", "local", "run", "join", "kill"])
+_OPERATORS: Final = frozenset(["==", "!=", "<=", ">=", "<", ">", "+", "-", "*", "/", "%", "=", "and", "or", "xor", "."])
+_CONTINUED: Final = _OPERATORS | frozenset(
+    ["not", "!", "if", "elif", "while", "global", "local", "run", "join", "kill"]
+)
 _SIGNS: Final = frozenset("+-")
 _OPERANDS: Final = frozenset(["name", "number", "string", ")", "]", "True", "False", "None"])
 _TIGHT_BEFORE: Final = frozenset(",:)].")

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeAlias
 
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException, JsonRpcInvalidParams
@@ -29,11 +29,10 @@ from urscript.check.project import ProjectError, project_of
 from urscript.check.signatures import libraries
 from urscript.check.sources import MAX_BYTES, SCRIPTS, SourceError
 from urscript.check.subject import by_polyscope
-from urscript.editor.document import LARGEST, Document, about_builtin
-from urscript.editor.fixes import fixes
+from urscript.editor.document import Document, about_builtin
+from urscript.editor.fixes import Fix, fixes
 from urscript.editor.formatter import formatted, syntax_error
 from urscript.editor.symbols import Key, Occurrence, Scope, call_at
-from urscript.errors import CompileError
 from urscript.methods import METHOD_HINTS
 from urscript.tokens import KEYWORDS
 
@@ -55,7 +54,8 @@ _LEGEND: Final = types.SemanticTokensLegend(_TOKEN_TYPES, _MODIFIERS)
 _SEVERITY: Final = {True: types.DiagnosticSeverity.Error, False: types.DiagnosticSeverity.Warning}
 _log: Final = logging.getLogger(__name__)
 
-AnswerT = TypeVar("AnswerT")
+Found: TypeAlias = tuple[str, Document, Occurrence]
+"""A name in a file of the project, with its address."""
 
 
 class _Protocol(LanguageServerProtocol):
@@ -148,7 +148,7 @@ class Server(LanguageServer):
                 uri = from_fs_path(str(file)) or ""
                 yield uri, self.read(uri, file.read_text(encoding="utf-8", errors="replace"))
 
-    def places_of(self, document: Document, key: Key) -> Iterator[tuple[str, Document, Occurrence]]:
+    def places_of(self, document: Document, key: Key) -> Iterator[Found]:
         """Where a thing is defined or used, in all files of the project."""
         kind, name = key[1], key[3]
         mine = document.symbols.defines(key)
@@ -193,6 +193,11 @@ def _token_range(document: Document, token: int) -> types.Range:
 
 def _offset(document: Document, place: types.Position) -> int:
     return document.places.offset_of((place.line, place.character))
+
+
+def _location(found: Found) -> types.Location:
+    uri, document, one = found
+    return types.Location(uri, _token_range(document, one.token))
 
 
 def _diagnostic(document: Document, found: Finding) -> types.Diagnostic:
@@ -254,15 +259,14 @@ def make_server(options: Namespace) -> Server:
     @answers(types.TEXT_DOCUMENT_DEFINITION)
     def definition(document: Document, params: types.DefinitionParams) -> list[types.Location]:
         found = document.name_at(_offset(document, params.position))
-        return [types.Location(uri, _token_range(doc, one.token)) for uri, doc, one in _defined(server, document, found)]
+        return [_location(one) for one in _defined(server, document, found)]
 
     @answers(types.TEXT_DOCUMENT_REFERENCES)
     def references(document: Document, params: types.ReferenceParams) -> list[types.Location]:
         found = document.name_at(_offset(document, params.position))
         key = document.symbols.key(found) if found else None
         places = server.places_of(document, key) if key else []
-        wanted = params.context.include_declaration
-        return [types.Location(uri, _token_range(doc, o.token)) for uri, doc, o in places if wanted or not o.defines]
+        return [_location(one) for one in places if params.context.include_declaration or not one[2].defines]
 
     @answers(types.TEXT_DOCUMENT_PREPARE_RENAME)
     def can_rename(document: Document, params: types.PrepareRenameParams) -> types.Range | None:
@@ -306,8 +310,8 @@ def make_server(options: Namespace) -> Server:
     def repairs(document: Document, params: types.CodeActionParams) -> list[types.CodeAction]:
         uri, lines = params.text_document.uri, range(params.range.start.line, params.range.end.line + 1)
         base, known = server.checked.get(uri, (None, []))
-        near = [f for f in known if document.places.place(document.shown(f)[0])[0] in lines]
-        return [_action(document, uri, found, fix) for found in near if base is document for fix in fixes(document, found)]
+        near = [one for one in known if base is document and one.line - 1 in lines]
+        return [_action(document, uri, found, fix) for found in near for fix in fixes(document, found)]
 
     @answers(types.TEXT_DOCUMENT_FORMATTING)
     def formatting(document: Document, params: types.DocumentFormattingParams) -> list[types.TextEdit] | None:
@@ -319,10 +323,9 @@ def make_server(options: Namespace) -> Server:
     return server
 
 
-def _defined(server: Server, document: Document, found: Occurrence | None) -> Iterator[tuple[str, Document, Occurrence]]:
+def _defined(server: Server, document: Document, found: Occurrence | None) -> list[Found]:
     key = document.symbols.key(found) if found else None
-    places = [one for one in server.places_of(document, key) if one[2].defines] if key else []
-    return iter(places[:1])
+    return [one for one in server.places_of(document, key) if one[2].defines][:1] if key else []
 
 
 def _about_elsewhere(server: Server, document: Document, found: Occurrence) -> str:
@@ -337,7 +340,8 @@ def _renamed(server: Server, document: Document, found: Occurrence, name: str) -
         return {}
     if name and (not name.isidentifier() or not name.isascii() or name in KEYWORDS):
         raise JsonRpcInvalidParams(f"{name!r} cannot be a name")
-    if name and any(one.name == name and other.symbols.key(one) for _, other, _ in places for one in other.symbols.occurrences):
+    others = (one for _, other, _ in places for one in other.symbols.occurrences if other.symbols.key(one))
+    if name and any(one.name == name for one in others):
         raise JsonRpcInvalidParams(f"{name!r} is in use")
     edits: dict[str, list[types.TextEdit]] = {}
     for uri, other, one in places:
@@ -424,7 +428,7 @@ def _completion(document: Document, offset: int) -> list[types.CompletionItem]:
     ]
 
 
-def _action(document: Document, uri: str, found: Finding, fix: Any) -> types.CodeAction:
+def _action(document: Document, uri: str, found: Finding, fix: Fix) -> types.CodeAction:
     edits = [types.TextEdit(_range(document, start, end), text) for start, end, text in fix.edits]
     return types.CodeAction(
         fix.title,

@@ -5,7 +5,7 @@ They are found in the tokens rather than in the syntax tree, because a text that
 program, or declared ``global``, makes a name global; any other one is local to its def or thread.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, TypeAlias
 
@@ -63,11 +63,10 @@ class Occurrence(NamedTuple):
 
 
 class Block(NamedTuple):
-    """The indices of the first and the last token of a block, and its scope if it is one."""
+    """The indices of the first and the last token of a block."""
 
     first: int
     last: int
-    scope: Scope | None
 
 
 class Symbols:
@@ -107,7 +106,7 @@ class Symbols:
                     opened.append((at, None, scope))
                 elif kind in ("else", "elif") and opened:
                     first, own, outer = opened[-1]
-                    self.blocks.append(Block(first, at - 1, None))
+                    self.blocks.append(Block(first, at - 1))
                     opened[-1] = (at, own, outer)
                 elif kind == "end" and opened:
                     first, own, scope = opened.pop()
@@ -125,7 +124,7 @@ class Symbols:
         return scope
 
     def _close(self, first: int, last: int, scope: Scope | None) -> None:
-        self.blocks.append(Block(first, last, scope))
+        self.blocks.append(Block(first, last))
         if scope is not None:
             scope.last = last
 
@@ -199,11 +198,6 @@ class Symbols:
             key = self.key(found) if found.name == name else None
             if key is not None and key[1:3] == (kind, _EVERYWHERE) and self.defines(key) == defined:
                 yield found
-
-    def definitions(self, found: Iterable[Occurrence]) -> list[Occurrence]:
-        """Those that define something: of a variable, the first assignment."""
-        all_ = [one for one in found if one.defines]
-        return all_[:1] if all_ and all_[0].role == "variable" else all_
 
 
 def call_at(tokens: list[Token], at: int) -> tuple[int, int] | None:
