@@ -129,6 +129,7 @@ URSCRIPT_MAY_IMPORT = (
 )
 # PolyScope's files contain poses and joint angles, and are saved
 POLYSCOPE_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots", "urproto.vectors", "urproto.durable")
+EDITOR_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.durable", "urproto.extras")
 # the parts of `urscript` that the client may import: programs are created on the client's side too
 CLIENT_MAY_IMPORT_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
 # modules of the world outside the tick: only these parts of the emulator and of the client may use them
@@ -152,6 +153,7 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.campaign.work",
     "emulator.explore.command",
     "emulator.debugger.adapter",
+    "urscript.editor.server",
     "emulator.campaign.progress",
     "emulator.servers",
     "emulator.control.http",
@@ -186,6 +188,7 @@ WRITES_FILES = {
     "client.recording.plots": "matplotlib writes to memory",
     "client.recording.tables": "numpy writes to a file of urproto.durable",
     "emulator.debugger.adapter": "standard output, which nothing else of the process may write to",
+    "urscript.editor.server": "likewise",
     "emulator.campaign.journal": "Parquet, likewise; and a journal grows: each line is flushed, and a torn one removed",
     "client.lerobot.dataset": "Parquet writes in a folder of urproto.durable",
     "emulator.reports": "archives in memory or in a file of urproto.durable, and their temporary folder",
@@ -295,8 +298,9 @@ def _not_allowed(name: str, imported: str) -> str | None:
     if package == "client" and top == "urscript" and not within(imported, CLIENT_MAY_IMPORT_OF_URSCRIPT):
         return "see CLIENT_MAY_IMPORT_OF_URSCRIPT"
     if package == "urscript" and top == "urproto":
-        outer = within(name, ("urscript.polyscope", "urscript.check", "urscript.editor"))
+        outer = within(name, ("urscript.polyscope", "urscript.check"))
         allowed = POLYSCOPE_MAY_IMPORT if outer else URSCRIPT_MAY_IMPORT
+        allowed = EDITOR_MAY_IMPORT if within(name, ("urscript.editor",)) else allowed
         return None if within(imported, allowed) else "the language is independent of robots"
     if within(imported, ("urscript.editor",)) and not within(
         name, ("urscript.editor", "urscript.__main__", "emulator")

@@ -155,6 +155,8 @@ def test_pause_and_what_stops_a_program(client, tmp_path):
     reason, place = client.stopped()
     assert reason == "pause"
     assert place[0][1] in (2, 3, 4, 5)
+    if place[0][1] == 2:
+        client.go("next")  # the pause came before the first statement, which would undo what follows
     client.request("setVariable", variablesReference=1, name="n", value="-9")
     reason, _ = client.go()
     assert reason == "exception"
