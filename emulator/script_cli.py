@@ -16,6 +16,7 @@ from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.check import command as check
+from urscript.editor import format_command, lsp_command
 
 _DISTRIBUTION: Final = "ur-emulator"
 
@@ -148,7 +149,9 @@ _COMMANDS: Final[dict[str, tuple[str, Callable[[ArgumentParser], None], Callable
         _no_arguments,
         _dap,
     ),
+    "format": (format_command.HELP, format_command.add_arguments, format_command.run),
     "functions": ("list the built-in functions of a PolyScope version", add_controller_options, _functions),
+    "lsp": (lsp_command.HELP, lsp_command.add_arguments, lsp_command.run),
     "run": ("run a file of URScript programs on an emulated arm, in virtual time", add_run_options, _run),
     "test": ("run tests that are written in URScript, in virtual time", _test_arguments, _test),
 }

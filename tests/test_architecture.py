@@ -34,6 +34,8 @@ MAY_IMPORT = {
 }
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
+    "pygls": ("urscript.editor.server",),
+    "lsprotocol": ("urscript.editor.server",),
     "em": ("client.ros2.message_builder",),
     "rosidl_parser": ("client.ros2.message_builder",),
     "rclpy": ("client.ros2",),
@@ -133,6 +135,7 @@ POLYSCOPE_MAY_IMPORT = (
     "urproto.durable",
     "urproto.yamltext",
 )
+EDITOR_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.durable", "urproto.extras")
 # the parts of `urscript` that the client may import: programs are created on the client's side too
 CLIENT_MAY_IMPORT_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
 # modules of the world outside the tick: only these parts of the emulator and of the client may use them
@@ -156,6 +159,7 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.campaign.work",
     "emulator.explore.command",
     "emulator.debugger.adapter",
+    "urscript.editor.server",
     "emulator.campaign.progress",
     "emulator.servers",
     "emulator.control.http",
@@ -190,6 +194,7 @@ WRITES_FILES = {
     "client.recording.plots": "matplotlib writes to memory",
     "client.recording.tables": "numpy writes to a file of urproto.durable",
     "emulator.debugger.adapter": "standard output, which nothing else of the process may write to",
+    "urscript.editor.server": "likewise",
     "emulator.campaign.journal": "Parquet, likewise; and a journal grows: each line is flushed, and a torn one removed",
     "client.lerobot.dataset": "Parquet writes in a folder of urproto.durable",
     "emulator.reports": "archives in memory or in a file of urproto.durable, and their temporary folder",
@@ -301,8 +306,13 @@ def _not_allowed(name: str, imported: str) -> str | None:
     if package == "urscript" and top == "urproto":
         outer = within(name, ("urscript.polyscope", "urscript.check", "urscript.scripttest"))
         allowed = POLYSCOPE_MAY_IMPORT if outer else URSCRIPT_MAY_IMPORT
+        allowed = EDITOR_MAY_IMPORT if within(name, ("urscript.editor",)) else allowed
         return None if within(imported, allowed) else "the language is independent of robots"
-    if within(name, ("urscript.check",)):  # checks programs of all kinds
+    if within(imported, ("urscript.editor",)) and not within(
+        name, ("urscript.editor", "urscript.__main__", "emulator")
+    ):
+        return "the language and its checks know nothing of editors"
+    if within(name, ("urscript.check", "urscript.editor")):  # programs of all kinds
         return None
     if within(imported, ("urscript.check",)) and package == "urscript" and name != "urscript.__main__":
         return "the language knows nothing of checks"

@@ -55,7 +55,7 @@ _COMMENT: Final = "a comment begins with '#'; floor(a / b) is integer division"
 _COUNT_UP: Final = "write name = name + 1"
 _COMPARE: Final = "write '==' for equal and '!=' for not equal"
 _TEMPLATE: Final = "this is a template whose placeholders were not filled in"
-_SIGNS: Final[Mapping[str, str]] = {
+SIGNS: Final[Mapping[str, str]] = {
     **{f"{sign}=": f"write name = name {sign} value" for sign in "+-*/%"},
     **dict.fromkeys(["++", "--"], _COUNT_UP),
     **dict.fromkeys(["//", "/*", "*/"], _COMMENT),
@@ -153,7 +153,7 @@ def syntax_hint(tokens: Sequence[Token], at: int, started: int) -> str:
     if token.kind == "name" and token.text in ("is", "in"):
         return "'==' compares" if token.text == "is" else "URScript has no 'in'"
     signs = _signs_around(tokens, at)
-    return _SIGNS.get(signs) or _SIGNS.get(token.text) or _SIGNS.get(token.text[:1], "")
+    return SIGNS.get(signs) or SIGNS.get(token.text) or SIGNS.get(token.text[:1], "")
 
 
 def _hint_on_a_comma(tokens: Sequence[Token], at: int, started: int) -> str:

@@ -227,10 +227,13 @@ class Adapter:
         return {"variables": [{"name": n, "value": v, "variablesReference": 0} for n, v in values.items()]}
 
     def _on_setVariable(self, arguments: Arguments) -> Any:  # noqa: N802
-        if int(arguments["variablesReference"]) != _GLOBALS:
-            raise RequestError("only global variables can be set")
-        stop = self._started.stop
-        value = self._started.ask("set_variable", str(arguments["name"]), str(arguments["value"]), stop.thread, 0)
+        reference = int(arguments["variablesReference"])
+        if reference == _ROBOT:
+            raise RequestError("the robot's values cannot be set")
+        stop, local = self._started.stop, reference != _GLOBALS
+        thread, number = self._frame(reference) if local else (stop.thread, 0)
+        name, text = str(arguments["name"]), str(arguments["value"])
+        value = self._started.ask("set_variable", name, text, thread, number, local=local)
         return {"value": value}
 
     def _on_evaluate(self, arguments: Arguments) -> Any:

@@ -5,6 +5,7 @@ always means the same statement of the same moment.
 """
 
 import ast
+import ctypes
 import re
 import sys
 from array import array
@@ -24,6 +25,7 @@ from urscript.compiler import FILE_NAME
 from urscript.files import ScriptFile
 from urscript.pycode import script_line
 from urscript.runtime import Runtime, ScriptThread
+from urscript.values import Pose, type_name
 
 _SHOWN: Final = (
     *("actual_q", "actual_TCP_pose", "robot_mode", "safety_mode"),
@@ -32,6 +34,7 @@ _SHOWN: Final = (
 _ANY: Final = -1  # thread
 _VARIABLE: Final = "v_"
 _FUNCTION: Final = "f_"
+_BOXED: Final = "_locals"  # of a long function: a mapping in place of Python variables
 # what an expression may consist of: those of URScript have the same meaning in Python
 _NODES: Final = (
     *(ast.Expression, ast.Constant, ast.Name, ast.Load, ast.List, ast.Subscript, ast.Call, ast.Compare),
@@ -168,13 +171,21 @@ class Debuggee:
         """The value of an expression in a frame. Raises ValueError."""
         return str(self._value(text, self._names(thread, frame)))
 
-    def set_variable(self, name: str, text: str, thread: int, frame: int) -> str:
-        """Give a global variable, or an element of a list in any, another value. Raises ValueError."""
+    def set_variable(self, name: str, text: str, thread: int, frame: int, *, local: bool) -> str:
+        """Give a variable, which a frame may use, another value of its type. Raises ValueError."""
         value = self._value(text, self._names(thread, frame))
-        runtime = self._runtime
-        if runtime is None or name not in runtime.program.global_names:
-            raise ValueError(f"{name} is not a global variable: local variables cannot be set")
-        runtime.set_global(name, value)
+        if not local:
+            runtime = self._runtime
+            if runtime is None or name not in runtime.program.global_names:
+                raise ValueError(f"{name} is not a global variable")
+            value = _like(self._global_values.get(name), value, name)
+            runtime.set_global(name, value)
+            return str(value)
+        holder = self._frames_of(thread)[frame]
+        if name not in (known := _locals(holder)):
+            raise ValueError(f"{name} is not a local variable with a value")
+        value = _like(known[name], value, name)
+        _set_local(holder, name, value)
         return str(value)
 
     def statement(self, number: int) -> Stop:
@@ -323,16 +334,39 @@ def _is_piece(frame: FrameType) -> bool:
 def _program_frames(frame: FrameType | None) -> list[FrameType]:
     """The frames of the program that lead to this one, innermost first."""
     found: list[FrameType] = []
+    inside = False  # a piece of the function whose frame comes next
     while frame is not None:
-        if frame.f_code.co_filename == FILE_NAME and not (found and _is_piece(found[-1])):
-            found.append(frame)
+        if frame.f_code.co_filename == FILE_NAME:
+            found += [] if inside else [frame]
+            inside = _is_piece(frame)
         frame = frame.f_back
     return found
 
 
 def _locals(frame: FrameType) -> dict[str, Any]:
-    values = frame.f_locals.items()
-    return {name.removeprefix(_VARIABLE): value for name, value in values if name.startswith(_VARIABLE)}
+    values = frame.f_locals
+    found = {name.removeprefix(_VARIABLE): value for name, value in values.items() if name.startswith(_VARIABLE)}
+    return {**found, **values.get(_BOXED, {})}
+
+
+def _set_local(frame: FrameType, name: str, value: Any) -> None:
+    values = frame.f_locals
+    if name in values.get(_BOXED, {}):
+        values[_BOXED][name] = value
+        return
+    values[f"{_VARIABLE}{name}"] = value
+    ctypes.pythonapi.PyFrame_LocalsToFast(ctypes.py_object(frame), ctypes.c_int(0))  # before 3.13, those are copies
+
+
+def _like(present: Any, value: Any, name: str) -> Any:
+    """A value of the type that a variable has, which the compiled program may rely on. Raises ValueError."""
+    if present.__class__ is float and value.__class__ is int:
+        return float(value)
+    if present.__class__ is Pose and value.__class__ is list and len(value) == len(present):
+        return Pose(map(float, value))
+    if value.__class__ is present.__class__ or present is None:
+        return value
+    raise ValueError(f"{name} is of type {type_name(present)}, and stays so: {type_name(value)} is another one")
 
 
 def _name(code: CodeType) -> str:

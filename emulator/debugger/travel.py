@@ -35,9 +35,9 @@ class Traveller:
         for moment in self._moments.values():
             moment[0].close()
 
-    def ask(self, name: str, *values: Any) -> Any:
+    def ask(self, name: str, *values: Any, **named: Any) -> Any:
         """Call a method of the debuggee, at the present moment. Raises what it raises."""
-        return self._now.ask(name, *values)
+        return self._now.ask(name, *values, **named)
 
     def begin(self) -> None:
         """Submit the programs."""

@@ -82,6 +82,29 @@ def test_breakpoints_steps_and_values(client, cell):
     assert not client.answer("continue")["success"]
 
 
+@pytest.mark.parametrize("filler", ["", "    x = x + 0\n" * 1500], ids=["short", "long"])
+def test_local_variables_can_be_set(client, tmp_path, filler):
+    """Also those of a function so long that it keeps them in a mapping, and of a caller."""
+    file = tmp_path / "locals.script"
+    file.write_text(
+        "def locals():\n  def inner(x):\n    y = [x, 2]\n    s = 0.5\n    sync()\n"
+        f"{filler}    return x + s + y[0]\n  end\n  def outer(n):\n    z = inner(n)\n    return n + z\n  end\n"
+        "  textmsg(outer(1))\nend\n"
+    )
+    client.launch(file, [{"line": 5}])
+    client.stopped()
+    frames = client.request("stackTrace", threadId=client.thread)["stackFrames"]
+    inner, outer = frames[0]["id"], frames[1]["id"]
+    assert client.variables(inner) == {"x": "1", "y": "[1, 2]", "s": "0.5"}
+    for frame, name, text, after in ((inner, "x", "x + 9", "10"), (inner, "s", "2", "2.0"), (outer, "n", "100", "100")):
+        answer = client.request("setVariable", variablesReference=frame, name=name, value=text)
+        assert answer == {"value": after} == {"value": client.variables(frame)[name]}
+    for name, text in (("x", "0.5"), ("y", "1"), ("none", "1")):
+        assert not client.answer("setVariable", variablesReference=inner, name=name, value=text)["success"]
+    assert client.go() == ("terminated", None)
+    assert "113\n" in client.said.replace("113.0", "113")
+
+
 def test_functions_and_the_entry(client, cell):
     client.launch(cell, functions=["move"], stopOnEntry=True)
     assert client.stopped() == ("entry", [("main", 2)])
@@ -132,6 +155,8 @@ def test_pause_and_what_stops_a_program(client, tmp_path):
     reason, place = client.stopped()
     assert reason == "pause"
     assert place[0][1] in (2, 3, 4, 5)
+    if place[0][1] == 2:
+        client.go("next")  # the pause came before the first statement, which would undo what follows
     client.request("setVariable", variablesReference=1, name="n", value="-9")
     reason, _ = client.go()
     assert reason == "exception"
@@ -186,6 +211,8 @@ def test_wrong_expressions(client, cell):
         assert not response["success"], text
     response = client.answer("setVariable", variablesReference=1, name="none", value="1")
     assert "not a global variable" in response["message"]
+    response = client.answer("setVariable", variablesReference=2, name="robot_mode", value="1")
+    assert "cannot be set" in response["message"]
     response = client.answer("variables", variablesReference=77)
     assert "ask for its stack again" in response["message"]
 

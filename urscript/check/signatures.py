@@ -1,10 +1,11 @@
-"""The built-ins that programs are checked against: how each is called, without what it does.
+"""The built-ins that programs are checked against: how each is called, and what it does in words.
 
 The functions themselves belong to the emulator, which takes a second to load. ``docs/generate.py`` therefore writes
-their signatures to ``builtins.csv``.
+their signatures and docstrings to ``builtins.csv``.
 """
 
 import csv
+import json
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -17,7 +18,7 @@ from urscript.values import Kind, PhysicalKind, Pose
 
 TABLE: Final = Path(__file__).with_name("builtins.csv")
 
-_COLUMNS: Final = ("name", "parameters", "result", "flags", "cb3", "e", "x")
+_COLUMNS: Final = ("name", "parameters", "result", "flags", "cb3", "e", "x", "doc")
 _KINDS: Final[dict[str, Kind]] = {kind.title: kind for kind in vars(values).values() if isinstance(kind, Kind)}
 _RESULTS: Final[dict[str, Any]] = {
     "int": int,
@@ -52,25 +53,34 @@ def table(builtins: Iterable[Builtin]) -> Iterator[tuple[str, ...]]:
         yield (
             builtin.name,
             "; ".join(map(_parameter_text, builtin.parameters)),
-            next((word for word, annotation in _RESULTS.items() if annotation == builtin.result), ""),
+            result_word(builtin),
             " ".join(flag for flag in _FLAGS if flag == builtin.chapter or getattr(builtin, flag, False)),
             *(str(version or "") for version in available),
+            builtin.doc,
         )
 
 
+def result_word(builtin: Builtin) -> str:
+    """The type of a built-in's result; empty if it has none, or several."""
+    return next((word for word, annotation in _RESULTS.items() if annotation == builtin.result), "")
+
+
 def _parameter_text(parameter: Parameter) -> str:
-    """``t_min|t: Num?=`` for an optional number that may be left out; ``!`` marks a physical quantity."""
+    """``t_min|t: Num?=0`` for an optional number that may be left out; ``!`` marks a physical quantity."""
     physical = "!" if isinstance(parameter.kind, PhysicalKind) else ""
-    marks = ("?" if parameter.optional else "") + ("" if parameter.required else "=")
-    return f"{'|'.join(parameter.names)}: {parameter.kind.title}{physical}{marks}"
+    default = "" if parameter.required else f"={json.dumps(parameter.default)}"
+    optional = "?" if parameter.optional else ""
+    return f"{'|'.join(parameter.names)}: {parameter.kind.title}{physical}{optional}{default}"
 
 
 def _parameter(text: str) -> Parameter:
-    names, _, kind = text.partition(": ")
-    title = kind.rstrip("=?!")
-    marks = kind[len(title) :]
-    accepted = PhysicalKind(title, _KINDS[title]) if "!" in marks else _KINDS[title]
-    return Parameter(tuple(names.split("|")), accepted, optional="?" in marks, required="=" not in marks)
+    names, _, rest = text.partition(": ")
+    kind, required, default = rest.partition("=")
+    title = kind.rstrip("?!")
+    accepted = PhysicalKind(title, _KINDS[title]) if "!" in kind else _KINDS[title]
+    value = json.loads(default) if default else None
+    value = tuple(value) if isinstance(value, list) else value
+    return Parameter(tuple(names.split("|")), accepted, "?" in kind, required=not required, default=value)
 
 
 def _read(row: dict[str, str]) -> Builtin:
@@ -90,7 +100,7 @@ def _read(row: dict[str, str]) -> Builtin:
         availability=Availability(*versions),
         status="supported",
         note="",
-        doc="",
+        doc=row["doc"],
     )
 
 

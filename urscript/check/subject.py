@@ -68,14 +68,19 @@ class Subject:
 
     @cached_property
     def by_polyscope(self) -> bool:
-        """Whether PolyScope wrote the program, which then has labels, and whatever the installation defines."""
-        return _LABEL.search(self.unit.source) is not None
+        """Whether PolyScope wrote the program."""
+        return by_polyscope(self.unit.source)
 
     def value(self, body: Body, node: Expression) -> Expression:
         """The value of a global that is assigned only once; any other expression unchanged."""
         if isinstance(node, Name) and node.name not in body.scope.locals:
             return self.unit.kinds.constants.get(node.name, node)
         return node
+
+
+def by_polyscope(text: str) -> bool:
+    """Whether PolyScope wrote a program, which then has labels, and whatever the installation defines."""
+    return _LABEL.search(text) is not None
 
 
 def own_expressions(statement: Statement) -> list[Expression]:

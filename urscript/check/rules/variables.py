@@ -76,13 +76,13 @@ def type_changes(subject: Subject) -> Iterator[tuple[Node, str]]:
             name = statement.target.name
             if name not in program.globals or is_local(program, body.scope, name):
                 continue
-            found = _type(kinds.expression(body.scope, statement.value))
+            found = type_in_words(kinds.expression(body.scope, statement.value))
             if found and first.setdefault(name, found) != found:
                 yield statement, f"'{name}' is {first[name]} elsewhere: a global keeps its type, and this is {found}"
 
 
-def _type(kind: KindSet) -> str:
-    """The type of a value in words; empty if it may have several."""
+def type_in_words(kind: KindSet) -> str:
+    """The type of a value, such as "a number"; empty if it may have several."""
     if is_number(kind):
         return _TYPES[0][1]
     if is_vector(kind):
