@@ -13,7 +13,7 @@ import runpy
 import sys
 import tokenize
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
@@ -64,13 +64,13 @@ _NOT_EMULATED = (  # services of a real robot: name, ports, the reason, and a re
     ("EtherNet/IP adapter", "TCP 44818, UDP 2222", "a fieldbus", "its registers by RTDE or Modbus"),
     (
         "PROFINET IO device, PROFIsafe", "UDP 34964 and Ethernet frames", "a fieldbus",
-        "its registers by RTDE or Modbus",
+        "its registers by RTDE or Modbus"
     ),
     ("SSH and SFTP", "TCP 22", "there is no Linux system to log in to", "the folder of --programs"),
     (
         "Screen of the teach pendant", "VNC 5900, HTTP 6080 (simulators)",
-        "PolyScope's user interface belongs to the vendor", "the dashboard server and the script ports",
-    ),
+        "PolyScope's user interface belongs to the vendor", "the dashboard server and the script ports"
+    )
 )  # fmt: skip
 
 
@@ -110,9 +110,8 @@ def pages() -> dict[str, Callable[[], str]]:
 def layers() -> str:
     """Which part of the emulator and of the client may import which."""
     tables = runpy.run_path(str(ROOT / "tests" / "layers.py"))
-    parts = [
-        "# Parts and layers",
-        NOTICE,
+    return _page(
+        "Parts and layers",
         "Which part may import which; `tests/test_architecture.py` checks every import against these tables. "
         "[Architecture](../architecture.md) explains them.",
         "## Emulator",
@@ -120,8 +119,7 @@ def layers() -> str:
         _levels("emulator", tables["EMULATOR_LEVELS"]),
         "## Client",
         _layers(tables["CLIENT_LAYERS"]),
-    ]
-    return "\n\n".join(parts) + "\n"
+    )
 
 
 _OFFICIAL = ROOT / "tests" / "ros2" / "official_driver.yaml"
@@ -138,16 +136,18 @@ def ros2_interfaces() -> str:
             reason = absent.get(name) or absent.get("node")
             what = f"{_KINDS[kind]} `{name}`" if kind else "parameters alone"
             rows.append((f"`{node}`", what, f"`{of_type}`" if of_type else "", f"no: {reason}" if reason else "yes"))
-    parts = [
-        "# ROS 2: compared with the official driver",
-        NOTICE,
+    return _page(
+        "ROS 2: compared with the official driver",
         "What the nodes of `ros2 launch ur_robot_driver ur_control.launch.py` offer and listen to, by its source of "
         "August 2026 (Jazzy; motion primitives: main), and whether [this driver](../ros2.md) has it under the same "
         "name and type. A test compares the running nodes with this list. `~` is the node's name; `ur5e` is the "
         "hardware component, named after the arm. Every node has its parameters and `/rosout` besides.",
         _table(("node", "what", "type", "here"), rows),
-    ]
-    return "\n\n".join(parts) + "\n"
+    )
+
+
+def _page(title: str, *parts: str) -> str:
+    return "\n\n".join((f"# {title}", NOTICE, *parts)) + "\n"
 
 
 def _layers(table: Mapping[str, Any]) -> str:
@@ -171,9 +171,8 @@ def _levels(package: str, levels: Sequence[tuple[str, ...]]) -> str:
 
 def supported() -> str:
     """What is emulated, in which versions, and how far."""
-    parts = [
-        "# Supported, partial, refused",
-        NOTICE,
+    return _page(
+        "Supported, partial, refused",
         "*Since* names the first versions of CB3, of e-Series and of PolyScope X (on e-Series arms) that have it: "
         "`3.4, 5.1, -` means that PolyScope X lacks it. A question mark means that the versions are a guess. "
         "`ur-emulator facts --polyscope 5.12` prints what is known about one version, with sources. Whatever is "
@@ -202,15 +201,13 @@ def supported() -> str:
         _fields(OUTPUT_FIELDS),
         "## RTDE inputs",
         _fields(INPUT_FIELDS),
-    ]
-    return "\n\n".join(parts) + "\n"
+    )
 
 
 def states() -> str:
     """The state machines, row by row."""
-    parts = [
-        "# State machines",
-        NOTICE,
+    return _page(
+        "State machines",
         "A pair of state and event that is not listed changes nothing.",
         "## Power",
         _transitions(POWER_TABLE),
@@ -226,8 +223,7 @@ def states() -> str:
         "`client` and `next` to any script port. A question mark is a guess; in the first table, which holds in every "
         "state that has no row for the event, a guess for some of them.",
         *_interactions(),
-    ]
-    return "\n\n".join(parts) + "\n"
+    )
 
 
 _INTERACTIONS = ROOT / "tests" / "golden" / "interactions.tsv"
@@ -239,69 +235,51 @@ def _interactions() -> Iterator[str]:
     """What happens in most states, and a table for each state with what differs."""
     with _INTERACTIONS.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE))
-    states = {
-        state: [row for row in rows if row["state"] == state] for state in dict.fromkeys(r["state"] for r in rows)
-    }
-    usual = {
-        state: {name: Counter(row[name] for row in here).most_common(1)[0][0] for name in _SHOWN}
-        for state, here in states.items()
-    }
-    effects = [
-        (
-            row["event"],
-            row["answer"],
-            "; ".join(f"{n}: {row[n]}" for n in _SHOWN if row[n] != usual[row["state"]][n]) or "-",
-        )
-        for row in rows
-    ]
-    common = [what for what, count in Counter(effects).items() if count > len(states) // 2]
-    guessed = {what for what, row in zip(effects, rows, strict=True) if row["source"].startswith("guess")}
-    yield _effects(common, guessed)
+    states = dict[str, list[dict[str, str]]]()
+    for row in rows:
+        states.setdefault(row["state"], []).append(row)
+    usual = dict[str, dict[str, str]]()
     for state, here in states.items():
-        series = " (e-Series)" if here[0]["series"] == "e" else ""
-        yield f"### {state[0].upper()}{state[1:]}{series}"
+        usual[state] = {name: Counter(row[name] for row in here).most_common(1)[0][0] for name in _SHOWN}
+        for row in here:
+            row["then"] = "; ".join(f"{n}: {row[n]}" for n in _SHOWN if row[n] != usual[state][n]) or "-"
+    common = {effect for effect, count in Counter(map(_effect, rows)).items() if count > len(states) // 2}
+    yield _effects(row for row in rows if _effect(row) in common)
+    for state, here in states.items():
+        yield f"### {state[0].upper()}{state[1:]}{' (e-Series)' if here[0]['series'] == 'e' else ''}"
         yield "; ".join(f"{name}: {text}" for name, text in usual[state].items() if text != "-") + "."
-        there = [what for what, row in zip(effects, rows, strict=True) if row["state"] == state and what not in common]
-        now = {
-            what for what, row in zip(effects, rows, strict=True) if row in here and row["source"].startswith("guess")
-        }
-        yield _effects(there, now)
+        yield _effects(row for row in here if _effect(row) not in common)
 
 
-def _effects(effects: Iterable[tuple[str, str, str]], guessed: Container[tuple[str, str, str]]) -> str:
-    """A row for events of the same effect."""
-    events = dict[tuple[str, str], list[str]]()
-    for what in effects:
-        events.setdefault(what[1:], []).append(what[0] + ("?" if what in guessed else ""))
-    return _table(("event", "dashboard answers", "then"), (("; ".join(names), *what) for what, names in events.items()))
+def _effect(row: Mapping[str, str]) -> tuple[str, str, str]:
+    return row["event"], row["answer"], row["then"]
+
+
+def _effects(rows: Iterable[Mapping[str, str]]) -> str:
+    """A row for events of the same effect; a guess has a question mark."""
+    events = dict[tuple[str, str], dict[str, str]]()
+    for row in rows:
+        event, *what = _effect(row)
+        marks = events.setdefault((what[0], what[1]), {})
+        marks[event] = "?" if row["source"].startswith("guess") else marks.get(event, "")
+    table = (("; ".join(map("".join, marks.items())), *what) for what, marks in events.items())
+    return _table(("event", "dashboard answers", "then"), table)
 
 
 _GUESS = re.compile(r"\bguess", re.IGNORECASE)
 _LONGEST_REMARK = 14  # words of a remark that the page quotes; the place in the code has the rest
-_NOT_OF_ROBOTS = {
-    "facts",
-    "motion",
-    "testing",
-    "trace",
-    "campaign",
-    "check",
-    "explore",
-    "fleet",
-    "journal",
-    "scripttest",
-}
+_NOT_OF_ROBOTS = re.compile(r"/(facts|motion|testing|trace|campaign|check|explore|fleet|journal|scripttest)\b")
 _OWN_LIMIT = re.compile(r"_?MAX_|.*_WORK = ")
 
 
 def guesses() -> str:
     """Every comment, docstring and remark in a data file that calls something a guess, by file."""
     parts = [
-        "# Guesses",
-        NOTICE,
+        "Guesses",
         "What no document, capture or recording that we found tells: the beginning of each remark in the code that "
         "says so, by file. A source for any of them is "
         "[welcome](../../CONTRIBUTING.md#a-difference-from-a-real-robot). What is not in code is on "
-        "the pages: [URScript](urscript_rules.md), [Motion](motion.md#guesses), which has those of `emulator/motion` too, "
+        "the pages: [URScript](urscript_rules.md), [Motion](motion.md#guesses) (`emulator/motion` included), "
         "[The arm](arm_model.md). Limits and times of the emulator, the client and test tools themselves are left out: "
         "`git grep -i guess` finds them.",
     ]
@@ -314,7 +292,7 @@ def guesses() -> str:
     for package in ("urproto", "urscript", "emulator"):
         listed = list[str]()
         for path in sorted((ROOT / package).rglob("*")):
-            if _NOT_OF_ROBOTS & {*path.parts}:
+            if _NOT_OF_ROBOTS.search(path.relative_to(ROOT).as_posix()):
                 continue
             remarks = {".py": _remarks, ".toml": _notes, ".csv": _notes, ".yaml": _notes}.get(path.suffix)
             found = [r for r in remarks(path.read_text(encoding="utf-8")) if _GUESS.search(r)] if remarks else []
@@ -324,7 +302,7 @@ def guesses() -> str:
                 name = path.relative_to(ROOT / package).as_posix()
                 listed.append(f"- `{name}`: {_plain('; '.join(dict.fromkeys(new)))}")
         parts += [f"## {package}", "\n".join(listed)]
-    return "\n\n".join(parts) + "\n"
+    return _page(*parts)
 
 
 def _short(remark: str) -> str:
@@ -370,8 +348,7 @@ def _plain(text: str) -> str:
 def program_nodes() -> str:
     """Every kind of node that a program can have, and what can be set at it."""
     parts = [
-        "# Nodes of programs",
-        NOTICE,
+        "Nodes of programs",
         "How programs are made of them: [programs.md](../programs.md). How far each is translated: "
         "[supported.md](supported.md#nodes-of-program-trees-urp).",
     ]
@@ -382,7 +359,7 @@ def program_nodes() -> str:
             if kind.group == group
         )
         parts += [f"## {group}", _table(("kind", "in the palette", "stands", "what can be set"), rows)]
-    return "\n\n".join(parts) + "\n"
+    return _page(*parts)
 
 
 def _stands(kind: Kind) -> str:
@@ -412,20 +389,15 @@ def _node_field(field: NodeField) -> str:
 
 def command_line() -> str:
     """Every command of the console scripts, and the names of its options."""
-    apps = (
-        ("ur-emulator", emulator_cli.app),
-        ("ur-emulator-check", check.app),
-        ("ur-client", client_cli.app),
-    )
+    apps = (("ur-emulator", emulator_cli.app), ("ur-emulator-check", check.app), ("ur-client", client_cli.app))
     commands = [
         (words, _first_line(command.help or ""), {one.opts[-1]: getattr(one, "help", None) for one in command.params})
         for program, app in apps
         for words, command in _commands(program, typer.main.get_command(app))
     ]
     (first, _, explained), *others = [*commands, *_urscript_commands()]
-    parts = (
-        "# Command line",
-        NOTICE,
+    return _page(
+        "Command line",
         "Every command, and the names of its options and arguments: `COMMAND --help` explains them.",
         f"## {first}",
         _table(("option", "meaning"), ((f"`{name}`", meaning or "") for name, meaning in explained.items())),
@@ -435,7 +407,6 @@ def command_line() -> str:
             ((f"`{words}`", text, _options(options, explained)) for words, text, options in others),
         ),
     )
-    return "\n\n".join(parts) + "\n"
 
 
 def _options(options: Iterable[str], explained: Mapping[str, Any]) -> str:
@@ -454,9 +425,8 @@ def check_rules() -> str:
         (f"`{name}`", ", ".join(versions), str(len(list(versions.values())[-1].functions)))
         for name, versions in sorted(urcaps().items())
     )
-    parts = (
-        "# Rules of urscript check",
-        NOTICE,
+    return _page(
+        "Rules of urscript check",
         "How to select and ignore them: [Check programs](../checking.md).",
         _table(("code", "name", "severity", "what it finds"), sorted(rows)),
         "## URCaps",
@@ -464,7 +434,6 @@ def check_rules() -> str:
         "version is the default.",
         _table(("name in the project file", "versions", "functions"), known),
     )
-    return "\n\n".join(parts) + "\n"
 
 
 def _signatures() -> str:
@@ -475,38 +444,32 @@ def _signatures() -> str:
 
 def control_verbs() -> str:
     """The verbs of the control API."""
-    rows = (
-        (f"`{verb['name']}`", _arguments(verb), " ".join(verb["text"].split()))
-        for verb in listing(verbs_of(LiveControl.SUBJECTS))
-    )
-    parts = (
-        "# Verbs of the control API",
-        NOTICE,
+    rows = ((f"`{verb['name']}`", _arguments(verb), verb["text"]) for verb in listing(verbs_of(LiveControl.SUBJECTS)))
+    return _page(
+        "Verbs of the control API",
         "What each of the three forms has: `emulator.control`, HTTP, `ur-emulator ctl`. Arguments in brackets may "
         "be left out.",
         _table(("verb", "arguments", "meaning"), rows),
     )
-    return "\n\n".join(parts) + "\n"
 
 
 def fault_kinds() -> str:
     """Every kind of fault, by subject."""
     parts = [
-        "# Kinds of faults",
-        NOTICE,
+        "Kinds of faults",
         "How they are brought about: [faults.md](../faults.md). Every kind has `at`, `after`, `until`, `lasting` too, "
         "those that strike on an occasion also `once`, `probability` and `seed`.",
     ]
     for module in SUBJECTS:
         subject = module.__name__.rpartition(".")[2]
         rows = (
-            (f"`{kind['kind']}`", _own_arguments(kind), _prose(kind["text"]), kind["occasion"])
+            (f"`{kind['kind']}`", _own_arguments(kind), kind["text"], kind["occasion"])
             for kind in kinds()
             if kind["subject"] == subject
         )
         head = ("kind", "arguments", "meaning", "strikes on")
         parts += [f"## {_first_line(module.__doc__ or '').split('.')[0].split(';')[0]}", _table(head, rows)]
-    return "\n\n".join(parts) + "\n"
+    return _page(*parts)
 
 
 def _own_arguments(kind: Mapping[str, Any]) -> str:
@@ -519,10 +482,6 @@ def _own_arguments(kind: Mapping[str, Any]) -> str:
 def _default(argument: Mapping[str, Any]) -> str:
     value = argument.get("default")
     return "" if value in (None, "") else f" = {value}"
-
-
-def _prose(text: str) -> str:
-    return " ".join(text.split())
 
 
 def _arguments(verb: Mapping[str, Any]) -> str:
@@ -608,7 +567,7 @@ def _builtins() -> str:
     summary = ", ".join(f"{count} {status}" for status, count in counts.items())
     parts = [
         f"{len(builtins)} functions: {summary}. A refused one raises a runtime exception that names it. Functions "
-        "without versions have been there since 3.0, 5.0 and 10.0. `urscript functions` prints arguments and meanings.",
+        "without versions have been there since 3.0, 5.0 and 10.0. `urscript functions` prints arguments and meanings."
     ]
     for chapter in dict.fromkeys(b.chapter for b in builtins):
         listed = [b for b in builtins if b.chapter == chapter]
