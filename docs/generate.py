@@ -6,16 +6,14 @@
 import ast
 import csv
 import dataclasses
-import inspect
 import io
 import re
 import runpy
 import sys
 import tokenize
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -110,15 +108,20 @@ def pages() -> dict[str, Callable[[], str]]:
 def layers() -> str:
     """Which part of the emulator and of the client may import which."""
     tables = runpy.run_path(str(ROOT / "tests" / "layers.py"))
+    levels = reversed(list(enumerate(tables["EMULATOR_LEVELS"])))
+    parts = (
+        (part, one.description, ", ".join(f"`{name}`" for name in one.modules), ", ".join(one.may_import))
+        for part, one in tables["CLIENT_LAYERS"].items()
+    )
     return _page(
         "Parts and layers",
         "Which part may import which; `tests/test_architecture.py` checks every import against these tables. "
-        "[Architecture](../architecture.md) explains them.",
+        "[Read this first](../read_first.md#the-map) says what the parts are.",
         "## Emulator",
         "A part may import parts on lower levels only.",
-        _levels("emulator", tables["EMULATOR_LEVELS"]),
+        _table(("level", "parts"), ((str(level), ", ".join(f"`{part}`" for part in row)) for level, row in levels)),
         "## Client",
-        _layers(tables["CLIENT_LAYERS"]),
+        _table(("part", "what it is", "modules", "may import"), parts),
     )
 
 
@@ -148,25 +151,6 @@ def ros2_interfaces() -> str:
 
 def _page(title: str, *parts: str) -> str:
     return "\n\n".join((f"# {title}", NOTICE, *parts)) + "\n"
-
-
-def _layers(table: Mapping[str, Any]) -> str:
-    """Which part may import which, from the bottom to the top."""
-    rows = [
-        (part, layer.description, ", ".join(f"`{name}`" for name in layer.modules), ", ".join(layer.may_import))
-        for part, layer in table.items()
-    ]
-    return _table(("part", "what it is", "modules", "may import"), rows)
-
-
-def _levels(package: str, levels: Sequence[tuple[str, ...]]) -> str:
-    """A table from the top level down; the description of a part is its docstring."""
-    rows = (
-        (str(number), f"`{part}`", _first_line(inspect.getdoc(import_module(f"{package}.{part}")) or ""))
-        for number, parts in reversed(list(enumerate(levels)))
-        for part in parts
-    )
-    return _table(("level", "part", "what it is"), rows)
 
 
 def supported() -> str:
