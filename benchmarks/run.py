@@ -48,6 +48,7 @@ MEASUREMENTS: Final = (
     "latency.measure",
     "streaming.measure",
     "pendant.measure",
+    "class_page.measure",
     "planning.measure",
     "ros2_driver.measure",
     "ros2_driver.latency",
