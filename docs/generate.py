@@ -252,7 +252,10 @@ def _effects(rows: Iterable[Mapping[str, str]]) -> str:
 
 _GUESS = re.compile(r"\bguess", re.IGNORECASE)
 _LONGEST_REMARK = 14  # words of a remark that the page quotes; the place in the code has the rest
-_NOT_OF_ROBOTS = re.compile(r"/(facts|motion|testing|trace|campaign|check|explore|fleet|journal|scripttest)\b")
+_NOT_OF_ROBOTS = re.compile(
+    r"/(facts|motion|testing|trace|campaign|check|explore|fleet|journal|scripttest|library)\b"
+    r"|^urscript/\w+\.py|/(app|clock|facts_command|logs|pendant_process|readiness|realtime|reports|drawing)\.py"
+)
 _OWN_LIMIT = re.compile(r"_?MAX_|.*_WORK = ")
 
 
@@ -262,10 +265,9 @@ def guesses() -> str:
         "Guesses",
         "What no document, capture or recording that we found tells: the beginning of each remark in the code that "
         "says so, by file. A source for any of them is "
-        "[welcome](../../CONTRIBUTING.md#a-difference-from-a-real-robot). What is not in code is on "
-        "the pages: [URScript](urscript_rules.md), [Motion](motion.md#guesses) (`emulator/motion` included), "
-        "[The arm](arm_model.md). Limits and times of the emulator, the client and test tools themselves are left out: "
-        "`git grep -i guess` finds them.",
+        "[welcome](../../CONTRIBUTING.md#a-difference-from-a-real-robot). The language and motion have "
+        "[pages](urscript_rules.md) [of their own](motion.md#guesses), as has [the arm](arm_model.md). Limits and "
+        "times of the emulator, the client and test tools themselves are left out: `git grep -i guess` finds them.",
     ]
     values = dict[tuple[str, str], list[str]]()
     for fact in (fact for rows in ledger().values() for fact in rows if fact.is_guess):
