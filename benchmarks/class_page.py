@@ -27,7 +27,7 @@ from urproto.ports import CONTROL_API_PORT
 _ROBOTS = 20
 _SECONDS = 10.0
 _PORT = 6070
-_TIMEOUT_MS = 300_000
+_TIMEOUT_MS = 600_000
 _FLAGS = ("--no-sandbox", "--disable-background-networking", "--disable-gpu")
 _PROGRAM = (
     b"def wave():\n  while True:\n    movej([1, -1.5, 1, -1, -1, 0])\n    movej([0, -1.5, 1, -1, -1, 0])\n  end\nend\n"
@@ -144,7 +144,7 @@ async def _press(page: Page, host: str) -> float:
     stopped = asyncio.create_task(asyncio.to_thread(ControlClient(host).call, "run_until", condition))
     await asyncio.sleep(1.0)  # until all requests have begun
     began = time.monotonic()
-    await page.get_by_test_id("stop").click()
+    await page.get_by_test_id("stop").click(force=True)
     await stopped
     return time.monotonic() - began
 
