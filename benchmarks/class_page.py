@@ -109,20 +109,15 @@ async def _attend(fleet: int, hosts: list[str]) -> Table:
         )
         parts = zip(("robots", "pendants", "browsers"), (workers, pendants, browsers), costs, results, strict=True)
         rows = [[name, str(len(pids)), cost, _memory(pids), result] for name, pids, cost, result in parts]
-        row = [
-            "class page",
-            "1",
-            page_cost[0],
-            _memory([page_process]),
-            f"{pictures / _SECONDS:.1f} changes/s of an arm",
-        ]
-        rows.insert(1, row)
+        rows.insert(
+            1, ["class page", "1", page_cost[0], _memory([page_process]), f"{pictures / _SECONDS:.1f} changes/s"]
+        )
     note = (
-        f"{len(hosts)} UR3 that move, and as many headless Chromium processes on the same machine, each with the pendant "
-        f"of one robot, drawn at two frames per second. All pendants were opened at the same time and were there after "
-        f"{opened_s:.0f} s; then Stop was pressed in all of them. Cost over {_SECONDS:g} s: of the class page while one "
-        "browser shows it, otherwise while all show their pendant. Missed periods: from the first request for a pendant "
-        "to the last press."
+        f"{len(hosts)} UR3 that move, and as many headless Chromium processes on the same machine, each with the "
+        "pendant of one robot, drawn at two frames per second. All pendants were opened at the same time and were "
+        f"there after {opened_s:.0f} s; then Stop was pressed in all of them. Cost over {_SECONDS:g} s: of the class "
+        "page while one browser shows it, otherwise while all show their pendant. Missed periods: from the first "
+        "request for a pendant to the last press."
     )
     return Table("A class", note, ["part", "processes", "cost", "memory", "result"], rows)
 
