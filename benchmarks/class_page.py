@@ -77,6 +77,7 @@ async def _measure(count: int) -> Table:
                 _, writer = await asyncio.open_connection(robot, 30001)
                 writer.write(_PROGRAM)
                 await writer.drain()
+                writer.close()
             return await _attend(fleet.pid, hosts)
         finally:
             fleet.terminate()
@@ -109,9 +110,8 @@ async def _attend(fleet: int, hosts: list[str]) -> Table:
         )
         parts = zip(("robots", "pendants", "browsers"), (workers, pendants, browsers), costs, results, strict=True)
         rows = [[name, str(len(pids)), cost, _memory(pids), result] for name, pids, cost, result in parts]
-        rows.insert(
-            1, ["class page", "1", page_cost[0], _memory([page_process]), f"{pictures / _SECONDS:.1f} changes/s"]
-        )
+        shown = f"{pictures / _SECONDS:.1f} changes/s"
+        rows.insert(1, ["class page", "1", page_cost[0], _memory([page_process]), shown])
     note = (
         f"{len(hosts)} UR3 that move, and as many headless Chromium processes on the same machine, each with the "
         "pendant of one robot, drawn at two frames per second. All pendants were opened at the same time and were "
