@@ -28,6 +28,7 @@ _ROBOTS = 20
 _SECONDS = 10.0
 _PORT = 6070
 _TIMEOUT_MS = 600_000
+_SEE_OTHER = 303
 _FLAGS = (
     *("--no-sandbox", "--disable-background-networking", "--disable-component-update", "--disable-extensions"),
     *("--disable-gpu", "--disable-software-rasterizer", "--in-process-gpu"),  # nothing is drawn in 3D
@@ -136,8 +137,14 @@ async def _browser(chromium: BrowserType, host: str, starting: asyncio.Semaphore
 
 
 async def _open(page: Page, hosts: list[str], number: int) -> None:
-    """Follow the link of a robot, and wait until its pendant shows it."""
-    await page.goto(f"http://{hosts[0]}:{_PORT}/robot/{number}")
+    """Follow the link of a robot, and wait until its pendant shows it.
+
+    The link is asked for beforehand: a browser without a window animates a page that loads, which takes a core.
+    """
+    link = f"http://{hosts[0]}:{_PORT}/robot/{number}"
+    while (await page.context.request.get(link, max_redirects=0, timeout=_TIMEOUT_MS)).status != _SEE_OTHER:
+        await asyncio.sleep(1.0)  # the pendant is still starting
+    await page.goto(link)
     await page.locator(f'.robot-name:has-text("{hosts[number - 1]}")').wait_for()
 
 
