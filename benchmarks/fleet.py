@@ -21,10 +21,10 @@ import time
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import jitter
+from processes import shared_mib
 from table import Table
 from tick_rate import SWING
 
@@ -221,7 +221,7 @@ def _result(all_statistics: Sequence[ClockStatistics], cpu: float) -> dict[str, 
         "ticks": sum(statistics.ticks for statistics in all_statistics),
         "worst_ms": max(statistics.latest_ns for statistics in all_statistics) / 1e6,
         "cpu": cpu,
-        "pss_mib": _pss_mib(),
+        "pss_mib": shared_mib(os.getpid()),
     }
 
 
@@ -241,11 +241,6 @@ def _used_s() -> float:
     """CPU time of this process [s]."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime
-
-
-def _pss_mib() -> float:
-    rows = Path("/proc/self/smaps_rollup").read_text().splitlines()
-    return int(next(row for row in rows if row.startswith("Pss:")).split()[1]) / 1024
 
 
 def _stay_on(cores: set[int]) -> None:

@@ -29,7 +29,7 @@ Requirements: every port answers within 2 s of a cold start; less than 150 MiB o
 period in a minute with five RTDE clients at 125 and 500 Hz.
 
 A control period is *missed* if it begins a whole period late. A package is *lost* if a client does not receive it.
-Costs are CPU time, as a share of one core.
+Costs are CPU time, as a share of one core. Load averages are those of the machine when a measurement begins.
 
 Machine: {machine}
 """
@@ -48,6 +48,7 @@ MEASUREMENTS: Final = (
     "latency.measure",
     "streaming.measure",
     "pendant.measure",
+    "class_page.measure",
     "planning.measure",
     "ros2_driver.measure",
     "ros2_driver.latency",
@@ -110,7 +111,7 @@ def _load() -> str:
     """The load before a measurement; results of a busy machine can only be compared within a table."""
     if not hasattr(os, "getloadavg"):
         return ""
-    return f"Load average of the machine at the beginning: {os.getloadavg()[0]:.1f}.\n"
+    return f"Load average: {os.getloadavg()[0]:.1f}.\n"
 
 
 def _write(sections: dict[str, str]) -> None:

@@ -59,6 +59,7 @@ _UR5_MOVEL_FROM: Final = 5  # the period of its first line, by its place on the 
 _UR5E_POSES: Final = "bachelorproject/Testdaten/*/robot*.csv"  # a UR5e by its lengths
 _UR5E_MOVEJ: Final = "Universal-Robots-Notts/UR5e_motion_full.csv"  # three movej at 60 degrees/s and 80 degrees/s2
 _UR5E_PERIOD_S: Final = 0.008  # of its computer, which took 8.0 s for 1001 states
+_LARGE: Final = ("dynamic_calibration", "ur5_modeling_force_estimate")
 _AT_REST: Final = ("RTDE_PYTHON_CLIENT_LIB_EXPANDED/", "TSSP-2024/", "RTDE_Python_Client_Library_Zhizhuo/")
 
 
@@ -126,14 +127,12 @@ def main(folder: Path) -> None:
         "",
         "Arms pushed manually at rest; the emulated arm is pushed by the torques that the recorded currents held:",
         "",
-        "| recording | arm | joint | push | largest deviation |",
-        "| --- | --- | --- | --- | --- |",
+        "| recording | joint: push: largest deviation |",
+        "| --- | --- |",
         *_pushes(folder, left_out),
         "",
-        "At rest, recording / emulator. Vectors: mean absolute value of their elements. Accelerations: length:",
+        "At rest, recording / emulator; vectors: mean absolute value of their elements; accelerations: length:",
         "",
-        "| recording | field | mean | noise | unit |",
-        "| --- | --- | --- | --- | --- |",
         *_rests(folder, left_out),
         "",
         "Left out:",
@@ -155,12 +154,20 @@ def _found(folder: Path, pattern: str, left_out: list[tuple[str, str]]) -> list[
 
 
 def _torques(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
+    """A row for each recording; those of a kind that have equal cells except for the last share one."""
+    rows = dict[str, list[tuple[str, str]]]()
     for source in SOURCES:
         for file in _found(folder, source.pattern, left_out):
             try:
-                yield _row(folder, file, source)
+                cells, rest = _row(file, source)
             except RecordingError as error:
                 left_out.append((_name(folder, file), str(error).replace(f"{file}: ", "").replace(f"{file} ", "")))
+            else:
+                rows.setdefault(cells, []).append((_name(folder, file), rest))
+    for cells, found in rows.items():
+        names, rests = zip(*found, strict=True)
+        rest = rests[0] if len(rests) == 1 else f"{min(rests)} to {max(rests)}"
+        yield f"| {', '.join(names)} | {cells} | {rest} |"
 
 
 def _movements(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
@@ -242,8 +249,9 @@ def _following(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
 
 def _pushes(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
     for file in _found(folder, f"{_UR5}/Movement_No10*", left_out):
-        for joint, push, theirs, ours in pushed(_recording(file), load_model("ur5")):
-            yield f"| {_name(folder, file)} | UR5 | {joint} | {push:.0f} Nm | {theirs:.2f} / {ours:.2f} mrad |"
+        found = pushed(_recording(file), load_model("ur5"))
+        cells = (f"{joint}: {push:.0f} Nm: {theirs:.2f} / {ours:.2f}" for joint, push, theirs, ours in found)
+        yield f"| {_name(folder, file)} | {'; '.join(cells)} mrad |"
 
 
 def _even(recording: Recording) -> bool:
@@ -264,12 +272,16 @@ def _by_a_computer(file: Path) -> Recording:
 
 
 def _rests(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
-    for source in SOURCES:
-        if not source.pattern.startswith(_AT_REST):
-            continue
+    """A row for each field, with mean and noise of each recording."""
+    names, cells = list[str](), dict[str, list[str]]()
+    for source in (one for one in SOURCES if one.pattern.startswith(_AT_REST)):
         for file in _found(folder, source.pattern, left_out):
+            names.append(_name(folder, file))
             for name, unit, means, noises in at_rest(read(file), source.model):
-                yield f"| {_name(folder, file)} | `{name}` | {means} | {noises} | {unit} |"
+                cells.setdefault(f"`{name}` [{unit}]", []).append(f"{means}; {noises}")
+    yield f"| mean; noise | {' | '.join(names)} |"
+    yield "| --- " * (len(names) + 1) + "|"
+    yield from (f"| {name} | {' | '.join(values)} |" for name, values in cells.items())
 
 
 def _recording(file: Path, columns: tuple[str, ...] | None = None) -> Recording:
@@ -290,11 +302,13 @@ def _recording(file: Path, columns: tuple[str, ...] | None = None) -> Recording:
 
 
 def _name(folder: Path, file: Path) -> str:
-    """Repository and file."""
-    return f"{file.relative_to(folder).parts[0]} {file.stem}"
+    """Repository and file; of the two large repositories, which the page names, the file alone."""
+    repository = file.relative_to(folder).parts[0]
+    return file.stem if repository in _LARGE else f"{repository} {file.stem}"
 
 
-def _row(folder: Path, file: Path, source: Source) -> str:
+def _row(file: Path, source: Source) -> tuple[str, str]:
+    """The cells of a recording, and the last one."""
     result = fidelity(_recording(file, source.columns), load_model(source.model))
     loaded = _loaded(file)
     cells = [_share(result, name) for name in FIELDS]
@@ -302,8 +316,7 @@ def _row(folder: Path, file: Path, source: Source) -> str:
         cells[2] = "loaded" if "oad" in file.stem else "pushed"
     rests = [row.rest for row in result.errors if row.field == FIELDS[0] and row.rest is not None]
     rest = f"{max(rests):.3f} Nm" if rests else ""
-    title = load_model(source.model).title
-    return f"| {_name(folder, file)} | {title} | {source.role} | {' | '.join(cells)} | {rest} |"
+    return f"{load_model(source.model).title} | {source.role} | {' | '.join(cells)}", rest
 
 
 def _loaded(file: Path) -> bool:

@@ -147,7 +147,10 @@ class ClassServer(Port):
         """Send the browser to the pendant of a robot."""
         try:
             address = await robot.open_pendant(self._running)
-        except (TimeoutError, RuntimeError, OSError) as error:
+        except TimeoutError:
+            late = {"error": f"the pendant of {robot.name} is still starting: this page asks again"}
+            return Response(UNAVAILABLE, late, {"Refresh": "2"})
+        except (RuntimeError, OSError) as error:
             return Response(UNAVAILABLE, {"error": f"the pendant of {robot.name} does not start: {error}"})
         return Response(_SEE_OTHER, b"", {"Location": address})
 

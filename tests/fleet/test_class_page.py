@@ -1,5 +1,6 @@
 """The page of a class: passwords, the teacher's commands, links to pendants."""
 
+import asyncio
 import http.client
 import json
 import sys
@@ -7,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from math import pi
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +16,7 @@ from fleet_rig import DEADLINE_S, dashboard, host, running, wait_for_end
 
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.fleet.class_robot import picture_of
-from emulator.fleet.class_server import check_class, class_passwords
+from emulator.fleet.class_server import ClassServer, check_class, class_passwords
 from emulator.machine import ControllerConfig
 from urproto.controlapi import RemoteControl
 from urproto.robots import load_model
@@ -160,6 +162,17 @@ def test_passwords_are_new_unless_given_and_differ() -> None:
     assert class_passwords("", "")["teacher"] != class_passwords("", "")["teacher"]
     with pytest.raises(ConfigError, match="are the same: students could stop all robots"):
         class_passwords("a", "a")
+
+
+def test_a_browser_asks_again_while_its_pendant_starts() -> None:
+    async def late(_running: object) -> str:
+        raise TimeoutError
+
+    robot: Any = SimpleNamespace(name="Robot 2", open_pendant=late)
+    server: Any = SimpleNamespace(_running=None)
+    response = asyncio.run(ClassServer.open_pendant(server, robot))
+    assert (response.status, response.headers) == (503, {"Refresh": "2"})
+    assert "is still starting" in response.content["error"]
 
 
 def test_the_picture_shows_the_pose() -> None:
