@@ -505,7 +505,7 @@ static void watch(bool idle)
         if (before->tid != s->tid || before->waits != s->waits)
             *before = (__typeof__(*seen)){s->tid, -1, s->waits, used_ns, 0};
         long switches;
-        bool sleeps = idle && !s->locking && state_of(s->tid, &switches) == 'S';
+        bool sleeps = !s->locking && state_of(s->tid, &switches) == 'S';
         if (sleeps && before->switches == switches) {
             s->state = STRAY;
             S->strays++;

@@ -142,5 +142,5 @@ def _library() -> Path:
 
 
 def _folder_in_memory() -> str | None:
-    folder = Path("/dev/shm")  # noqa: S108 - for this user only, with a random name
+    folder = Path("/dev/shm")
     return str(folder) if folder.is_dir() else None

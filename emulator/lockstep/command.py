@@ -46,7 +46,9 @@ def _exec(
         if not without_robot:
             configure(**robot)  # reports wrong options in one line
             given = {name: value for name, value in robot.items() if _is_given(context, name) and name != "host"}
-            emulator = EmulatorProcess(command_line(given), robot["host"], robot["control_token"], environment=clock.environment)
+            emulator = EmulatorProcess(
+                command_line(given), robot["host"], robot["control_token"], environment=clock.environment
+            )
             try:
                 running.enter_context(emulator)
             except EmulatorError as error:
@@ -81,7 +83,7 @@ def _run(command: Sequence[str], environment: Mapping[str, str], clock: SharedCl
 def _on_one_core() -> Iterator[None]:
     """Keep what is started on one core: only one of them runs at a time, and handing over is quicker there."""
     cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {random.choice(sorted(cores))})  # noqa: S311 - several may run beside each other
+    os.sched_setaffinity(0, {random.choice(sorted(cores))})
     try:
         yield
     finally:

@@ -111,8 +111,9 @@ class EmulatorProcess:
     (or leaving it).
 
     host: its address; by default, it gets its own. On machines with a single loopback address, it uses free ports
-    instead. token: required by its control API. environment: variables in addition to those of this process. Verbs of the control API are methods:
-    ``robot.press_emergency_stop()``; ``control`` has all of them, including those whose names mean something else here.
+    instead. token: required by its control API. environment: variables in addition to those of this process. Verbs of
+    the control API are methods: ``robot.press_emergency_stop()``; ``control`` has all of them, including those whose
+    names mean something else here.
     """
 
     def __init__(
