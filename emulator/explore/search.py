@@ -244,7 +244,8 @@ class Search:
             elif not schedule or self._chance.random() < 0.5:
                 values = self._plan.choices[old.choice].draw(self._chance)
                 schedule.append(replace(old, values=tuple(values.items())))
-        return tuple(sorted(schedule, key=lambda one: (one.period, one.choice)))
+        settled = (replace(one, period=self._plan.choices[one.choice].kind.settled(one.period)) for one in schedule)
+        return tuple(sorted(settled, key=lambda one: (one.period, one.choice)))
 
     def _delay(self, schedule: Sequence[Decision]) -> int:
         """By how many periods all decisions happen later, so that there is a time for others before and after them."""
