@@ -24,12 +24,14 @@ _BATCH: Final = 8  # schedules made at a time: independent of the number of proc
 _MOMENTS: Final = 9  # of a run, about, that are kept
 _APART: Final = 500  # control periods, which take as long as the copy of a process
 _KEPT_RUNS: Final = 10  # whose moments are kept; each is a process, which shares its memory with the others
-_NEAR_NEW, _NEAR_DECISION, _NEAR_EVENT = 0.4, 0.2, 0.2  # of the decisions; the others are at any time
+_NEAR_NEW, _NEAR_EFFECT, _NEAR_DECISION, _NEAR_EVENT = 0.2, 0.2, 0.3, 0.1  # of decisions; others are at any time
 _RICH: Final = 0.5  # of the new schedules are made from the richest run that shows something, by chance
-_DELAYED: Final = 0.5  # of those to which a decision is added
+_DELAYED: Final = 0.3  # of those to which a decision is added
+_UNSEEN: Final = 0.5  # weight of a choice without effects; one that always has some has 1 more
+_AGAIN: Final = 0.5  # weight of a choice that is made already, next to others
 _ADDED, _MOVED = 0.6, 0.25  # of the new schedules; in the others, a decision has other values, or is left out
-_BEFORE: Final = 0.2  # of those near a moment are before it
-_FARTHEST: Final = 6  # powers of two of control periods from a moment; near ones are as frequent as far ones
+_BEFORE: Final = 0.35  # of those near a moment are before it
+_FARTHEST: Final = 5  # powers of two of control periods from a moment; near ones are as frequent as far ones
 
 
 @dataclass
@@ -165,7 +167,9 @@ class Search:
         self._richest: dict[Feature, Entry] = {}  # the run with most features that has this one
         self._tried: set[Schedule] = set()
         self._nearest: dict[str, float] = {}
-        self._chosen: Counter[str] = Counter()
+        self._base: dict[Feature, int] = {}  # of the run without any decision
+        self._added: Counter[str] = Counter()  # how often a choice was added to a run
+        self._effective: Counter[str] = Counter()  # and how often that run then did something else
         self.features: set[Feature] = set()
         self.broken: dict[str, Trail] = {}
         self.refused: Counter[str] = Counter()
@@ -175,14 +179,18 @@ class Search:
         """The run without any decision."""
         (base,) = self._runner.carry_out([()])
         self._tried.add(())
+        self._base = base.trail.features
         self._learn(base)
         return base.trail
 
     def go_on(self) -> None:
         """One more batch of runs."""
-        schedules = list(self._schedules(_BATCH))
-        self.exhausted = not schedules
-        for entry in self._runner.carry_out(schedules):
+        made = list(self._schedules(_BATCH))
+        self.exhausted = not made
+        entries = self._runner.carry_out([schedule for schedule, _, _ in made])
+        for entry, (_, parent, added) in zip(entries, made, strict=True):
+            self._added[added] += 1
+            self._effective[added] += entry.trail.features.keys() != parent.trail.features.keys()
             self._learn(entry)
 
     @property
@@ -210,17 +218,20 @@ class Search:
         else:
             entry.close()
 
-    def _schedules(self, number: int) -> Iterator[Schedule]:
-        """New schedules; fewer if nothing new is found in many attempts."""
+    def _schedules(self, number: int) -> Iterator[tuple[Schedule, Entry, str]]:
+        """New schedules, each with the run it is made from and the choice that is added to it, "" for none.
+
+        Fewer if nothing new is found in many attempts.
+        """
         left = number
         for _ in range(50 * number):
             parent = self._parent()
-            schedule = self._changed(parent)
+            schedule, added = self._changed(parent)
             if schedule in self._tried:
                 continue
             parent.children += 1
             self._tried.add(schedule)
-            yield schedule
+            yield schedule, parent, added
             left -= 1
             if not left:
                 return
@@ -229,13 +240,14 @@ class Search:
         entries = list(self._richest.values()) if self._chance.random() < _RICH else self._corpus
         return min(self._chance.sample(entries, min(3, len(entries))), key=lambda one: one.children)
 
-    def _changed(self, entry: Entry) -> Schedule:
-        schedule = list(entry.trail.schedule)
+    def _changed(self, entry: Entry) -> tuple[Schedule, str]:
+        schedule, added = list(entry.trail.schedule), ""
         what = self._chance.random()
         if not schedule or (what < _ADDED and len(schedule) < self._plan.at_most):
-            by = self._delay(schedule)
+            added, by = self._name(schedule), self._delay(schedule)
             schedule = [replace(one, period=one.period + by) for one in schedule]
-            schedule.append(self._decision(entry, schedule, by))
+            values = self._plan.choices[added].draw(self._chance)
+            schedule.append(Decision(self._moment(entry, added, schedule, by), added, tuple(values.items())))
         else:
             place = self._chance.randrange(len(schedule))
             old = schedule.pop(place)
@@ -245,7 +257,7 @@ class Search:
                 values = self._plan.choices[old.choice].draw(self._chance)
                 schedule.append(replace(old, values=tuple(values.items())))
         settled = (replace(one, period=self._plan.choices[one.choice].kind.settled(one.period)) for one in schedule)
-        return tuple(sorted(settled, key=lambda one: (one.period, one.choice)))
+        return tuple(sorted(settled, key=lambda one: (one.period, one.choice))), added
 
     def _delay(self, schedule: Sequence[Decision]) -> int:
         """By how many periods all decisions happen later, so that there is a time for others before and after them."""
@@ -260,12 +272,15 @@ class Search:
         last = min(round(span.high / period_s), round(self._plan.lasts_s / period_s) - 1)
         return min(round(span.low / period_s), last), last
 
-    def _decision(self, entry: Entry, others: Sequence[Decision], by: int) -> Decision:
+    def _name(self, others: Sequence[Decision]) -> str:
+        """The choice to add: rather one that has had effects, and one that is not among the others."""
         names = list(self._plan.choices)
-        name = min(self._chance.sample(names, min(2, len(names))), key=lambda one: self._chosen[one])
-        self._chosen[name] += 1
-        values = self._plan.choices[name].draw(self._chance)
-        return Decision(self._moment(entry, name, others, by), name, tuple(values.items()))
+        present = {one.choice for one in others}
+        weights = [
+            (_UNSEEN + (1 + self._effective[name]) / (2 + self._added[name])) * (_AGAIN if name in present else 1.0)
+            for name in names
+        ]
+        return self._chance.choices(names, weights)[0]
 
     def _moment(self, entry: Entry, name: str, others: Sequence[Decision], by: int = 0) -> int:
         """A control period for a choice: near one in which something happened or another decision acts, or any.
@@ -278,9 +293,16 @@ class Search:
             for one in others
             for delay_s, _, _ in self._plan.choices[one.choice].actions(dict(one.values))
         ]
-        new, events = [period + by for period in entry.new], sorted({*entry.trail.features.values()})
+        features = entry.trail.features.items()
+        effects = sorted({period + by for feature, period in features if self._base.get(feature) != period})
+        new, events = [period + by for period in entry.new], sorted({*self._base.values()})
         what = self._chance.random()
-        for share, moments in (_NEAR_NEW, new), (_NEAR_DECISION, acts), (_NEAR_EVENT, events):
+        for share, moments in (
+            (_NEAR_NEW, new),
+            (_NEAR_EFFECT, effects),
+            (_NEAR_DECISION, acts),
+            (_NEAR_EVENT, events),
+        ):
             what -= share
             if what < 0.0 and moments:
                 return max(first, min(self._chance.choice(moments) + self._offset(), last))
