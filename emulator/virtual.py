@@ -9,7 +9,7 @@ from emulator.config import controller_config
 from emulator.control.control import Control
 from emulator.control.snapshots import journal_document
 from emulator.control.timing import ManualPace
-from emulator.control.verbs import ControlledRobot, Waiting
+from emulator.control.verbs import ControlledRobot, ServedRobot, Waiting
 from emulator.controller import Controller
 from emulator.faults.catalogue import describe, parse_fault
 from emulator.faults.fault import publish_no_controller, rebooted
@@ -128,6 +128,10 @@ class VirtualRobot(Control):
         if (recorder := self.controller.recorder) is not None:
             recorder.wrap_backends(self.controller)
 
+    def served(self) -> Control:
+        """The verbs of this robot for a caller that lets time pass by itself: those that wait return their steps."""
+        return Control(ServedRobot(self.controller), ManualPace(), self._machine.faults)
+
     def checkpoint(self) -> dict[str, Any]:
         """A document for ``restore`` of this moment, with the run so far: of a robot at rest, more than ``save``."""
         return journal_document(self.controller, self.journal)
@@ -168,6 +172,17 @@ class VirtualRobot(Control):
                 raise NotPossible("the controller was switched off at that moment, or the run begins later")
             self._machine.become(replay, self)
         yield from ()
+
+
+def replayed_robot(journal: bytes, *, checked: bool = False) -> VirtualRobot:
+    """A robot that goes on from the end of a recorded run; checked as of `virtual_robot`.
+
+    Raises BadArguments for what is no journal, NotPossible for a run that is another one here.
+    """
+    with executed(journal, checked=checked) as replay:
+        robot = VirtualRobot(replay.config, recorded=False)
+        robot._machine.become(replay, robot)
+    return robot
 
 
 def virtual_robot(

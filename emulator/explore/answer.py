@@ -39,7 +39,8 @@ def story(plan: Plan, trail: Trail) -> list[str]:
     for decision in trail.schedule:
         begins_s = decision.period * plan.period_s
         for delay_s, kind, values in plan.choices[decision.choice].actions(dict(decision.values)):
-            lines.append(f"at {begins_s + delay_s:.3f} s: {decision.choice}: {kind.words(values)}")
+            words = kind.words(values, decision.period + round(delay_s / plan.period_s))
+            lines.append(f"at {begins_s + delay_s:.3f} s: {decision.choice}: {words}")
     return [*lines, *(f"{name}: {why}" for name, why in trail.broken.items())]
 
 
@@ -80,10 +81,10 @@ def junit(plan: Plan, answers: Mapping[str, Found], runs: int) -> bytes:
     """The properties as test cases in JUnit's XML."""
     suite = ElementTree.Element(
         "testsuite",
-        {"name": plan.program.name, "tests": str(len(plan.properties)), "failures": str(len(answers)), "errors": "0"},
+        {"name": plan.name, "tests": str(len(plan.properties)), "failures": str(len(answers)), "errors": "0"},
     )
     for one in plan.properties:
-        case = ElementTree.SubElement(suite, "testcase", {"classname": plan.program.name, "name": one.name})
+        case = ElementTree.SubElement(suite, "testcase", {"classname": plan.name, "name": one.name})
         if (found := answers.get(one.name)) is not None:
             lines = story(plan, found.trail)
             ElementTree.SubElement(case, "failure", {"message": readable(lines[-1])}).text = readable("\n".join(lines))

@@ -3,12 +3,14 @@
     part arrives: {verb: set_digital_input, index: 0, level: true, at: 0..10}
     operator pauses: {verb: dashboard, line: pause, then: {verb: dashboard, line: play, after: 0.1..3}}
     vision is late: {peer: "10.0.0.5:5000", late: 0.01..2}
+    setpoint is late: {session: moved, by: 1..20}  # with a recorded session (`emulator.explore.session`)
 
 A value may be a range of numbers, ``LOW..HIGH``, or a list of alternatives. To add a kind, add a class to ``KINDS``.
 """
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
@@ -34,6 +36,12 @@ class PlanError(ValueError):
     """The description of an exploration is invalid."""
 
 
+class Sending(Protocol):
+    """The messages of a session that are to be sent."""
+
+    def change(self, change: str, number: int, by: int = 0) -> None: ...
+
+
 class Target(Protocol):
     """What choices act on."""
 
@@ -42,6 +50,9 @@ class Target(Protocol):
 
     @property
     def peers(self) -> PeerDisturbance: ...
+
+    @property
+    def sending(self) -> Sending: ...
 
 
 class Domain(Protocol):
@@ -124,25 +135,33 @@ def domain_of(value: Any) -> Domain:
     return Span(low, high, bool(_WHOLE.fullmatch(match[1]) and _WHOLE.fullmatch(match[2])))
 
 
-class Kind(Protocol):
+class Kind(ABC):
     """What a choice does. parameters: with the values they may have."""
 
     parameters: dict[str, Domain]
 
-    def apply(self, target: Target, values: Values) -> None: ...
+    @abstractmethod
+    def apply(self, target: Target, values: Values, period: int) -> None:
+        """Do it. period: for which it was decided."""
 
-    def words(self, values: Values) -> str:
+    @abstractmethod
+    def words(self, values: Values, period: int) -> str:
         """What it does, as part of a sentence."""
-        ...
+
+    def limited(self, at: Span) -> Span:
+        """When it can be decided, if it is to happen in a range of times [s]. Raises PlanError."""
+        return at
+
+    def settled(self, period: int) -> int:
+        """The control period in which it happens if it is decided for that one."""
+        return period
 
 
-class CallVerb:
+class CallVerb(Kind):
     """Calls a verb of the control API. At a moment when the robot refuses it, nothing happens."""
 
-    KEYS: Final = ("verb", *_SHORT)
-
     def __init__(self, entry: Mapping[str, Any]) -> None:
-        (key,) = [key for key in self.KEYS if key in entry]
+        (key,) = [key for key in ("verb", *_SHORT) if key in entry]
         given = {name: value for name, value in entry.items() if name != key}
         if key == "fault":
             given["kind"] = entry[key]
@@ -164,17 +183,16 @@ class CallVerb:
         except msgspec.ValidationError as error:
             raise PlanError(f"{self._verb.name}: {error}") from error
 
-    def apply(self, target: Target, values: Values) -> None:
+    def apply(self, target: Target, values: Values, period: int) -> None:
         self._verb.call(target.robot, values)
 
-    def words(self, values: Values) -> str:
+    def words(self, values: Values, period: int) -> str:
         return f"{self._verb.name}({', '.join(f'{name}={_shown(value)}' for name, value in values.items())})"
 
 
-class DisturbPeer:
+class DisturbPeer(Kind):
     """What a peer sends arrives ``late`` [s], ``garbled``, or not at all (``silent``); for ``lasting`` [s]."""
 
-    KEYS: Final = ("peer",)
     _PARAMETERS: Final = ("late", "garbled", "silent", "lasting")
 
     def __init__(self, entry: Mapping[str, Any]) -> None:
@@ -189,10 +207,10 @@ class DisturbPeer:
             raise PlanError("peer: say whether it is late, garbled or silent")
         self.parameters = {name: domain_of(value) for name, value in given.items()}
 
-    def apply(self, target: Target, values: Values) -> None:
+    def apply(self, target: Target, values: Values, period: int) -> None:
         target.peers.begin(self._address, **values)
 
-    def words(self, values: Values) -> str:
+    def words(self, values: Values, period: int) -> str:
         what = [f"{_shown(values['late'])} s late"] if values.get("late") else []
         what += [word for word in ("garbled", "silent") if values.get(word)]
         lasting = f" for {_shown(values['lasting'])} s" if "lasting" in values else ""
@@ -200,16 +218,18 @@ class DisturbPeer:
         return f"{host}:{port} is {' and '.join(what) or 'as usual'}{lasting}"
 
 
-KINDS: Final[tuple[Callable[..., Any], ...]] = (CallVerb, DisturbPeer)
+Kinds: TypeAlias = Mapping[str, Callable[[Mapping[str, Any]], Kind]]
+"""Kinds of choices by the key that an entry of the plan has for them."""
+
+KINDS: Final[Kinds] = {"verb": CallVerb, "fault": CallVerb, "dashboard": CallVerb, "peer": DisturbPeer}
 
 
-def kind_of(entry: Mapping[str, Any]) -> Kind:
+def _kind_of(entry: Mapping[str, Any], kinds: Kinds) -> Kind:
     """The kind of choice that an entry of the plan describes. Raises PlanError."""
-    for kind in KINDS:
-        if set(kind.KEYS) & set(entry):  # type: ignore[attr-defined]
-            made: Kind = kind(entry)
-            return made
-    raise PlanError(f"a choice has one of the keys verb, fault, dashboard and peer, not {', '.join(map(str, entry))}")
+    for key, kind in kinds.items():
+        if key in entry:
+            return kind(entry)
+    raise PlanError(f"a choice has one of the keys {', '.join(kinds)}, not {', '.join(map(str, entry))}")
 
 
 @dataclass(frozen=True)
@@ -252,7 +272,7 @@ Schedule: TypeAlias = tuple[Decision, ...]
 """Decisions in the order of their periods."""
 
 
-def parse_choice(name: str, entry: Any, lasts_s: float) -> Choice:
+def parse_choice(name: str, entry: Any, lasts_s: float, kinds: Kinds = KINDS) -> Choice:
     """The choice that an entry of the plan describes. Raises PlanError."""
     try:
         if not isinstance(entry, Mapping):
@@ -264,10 +284,13 @@ def parse_choice(name: str, entry: Any, lasts_s: float) -> Choice:
         if not isinstance(at, Span) or not 0.0 <= at.low <= at.high <= lasts_s:
             raise PlanError(f"at is a time or a range of times from 0 to {lasts_s:g} s")
         following = given.pop("then", None)
+        kind = _kind_of(given, kinds)
+        at = kind.limited(at)
         if following is None:
-            return Choice(name, kind_of(given), at)
+            return Choice(name, kind, at)
         after = domain_of(following.get("after", 0.0))
-        return Choice(name, kind_of(given), at, kind_of({k: v for k, v in following.items() if k != "after"}), after)
+        then = _kind_of({key: value for key, value in following.items() if key != "after"}, kinds)
+        return Choice(name, kind, at, then, after)
     except (PlanError, TypeError, AttributeError) as error:
         raise PlanError(f"{name}: {error}") from error
 

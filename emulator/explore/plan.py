@@ -4,6 +4,7 @@ program: cell.script
 model: ur5e
 options: {arm: dynamic}       # of virtual_robot
 peers: peers.yaml             # who answers the program
+session: run.journal          # instead of model and options: a recorded run, whose messages are sent again
 lasts: 20                     # robot time of a run [s]
 at_most: 3                    # choices in a run
 choices:
@@ -21,29 +22,35 @@ from typing import Any
 import msgspec
 
 from emulator.config import ConfigError, read_yaml
-from emulator.explore.choices import Choice, PlanError, parse_choice
+from emulator.explore.choices import KINDS, Choice, PlanError, parse_choice
 from emulator.explore.properties import Property, parse_property
+from emulator.explore.session import Session
 from urproto.robots import load_model
 
 _MAX_RUN_S = 3600.0
+_USUAL_S = 20.0
+_USUAL_MODEL = "ur5e"
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
-    program: str
     choices: dict[str, Any]
     properties: dict[str, Any]
-    model: str = "ur5e"
+    program: str = ""
+    session: str = ""
+    model: str = ""
     options: dict[str, Any] = {}
     peers: str = ""
-    lasts: float = 20.0
+    lasts: float | None = None
     at_most: int = 3
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What `read_plan` returns. folder: to which the names of files are relative. text: of the program."""
+    """What `read_plan` returns. name: of the file that is explored."""
 
-    program: Path
+    name: str
+    program: Path | None
+    session: Session | None
     model: str
     options: Mapping[str, Any]
     peers: Path | None
@@ -72,8 +79,15 @@ def plan_of(content: Any, folder: Path = Path()) -> Plan:
         given = msgspec.convert(content, _File)
     except msgspec.ValidationError as error:
         raise PlanError(str(error)) from error
-    if not 0.0 < given.lasts <= _MAX_RUN_S:
-        raise PlanError(f"lasts is a time up to {_MAX_RUN_S:g} s, not {given.lasts:g}")
+    if not given.program and not given.session:
+        raise PlanError("an exploration needs a program or a session")
+    if given.session and (given.model or given.options):
+        raise PlanError("the model and the options are those of the session: leave them out")
+    session = Session(folder / given.session, peers=bool(given.peers)) if given.session else None
+    usual_s = _USUAL_S if session is None else session.lasts_s
+    lasts_s = usual_s if given.lasts is None else given.lasts
+    if not 0.0 < lasts_s <= _MAX_RUN_S:
+        raise PlanError(f"lasts is a time up to {_MAX_RUN_S:g} s, not {lasts_s:g}")
     if given.at_most < 1:
         raise PlanError("at_most is at least 1")
     if not given.choices or not given.properties:
@@ -81,13 +95,16 @@ def plan_of(content: Any, folder: Path = Path()) -> Plan:
     files: dict[str, Any] = {
         name: folder / given.options[name] for name in ("world", "programs") if name in given.options
     }
+    kinds = KINDS if session is None else {**KINDS, "session": session.choice}
     return Plan(
-        folder / given.program,
-        given.model,
+        given.program or given.session,
+        folder / given.program if given.program else None,
+        session,
+        given.model or (_USUAL_MODEL if session is None else session.model),
         {**given.options, **files},
         folder / given.peers if given.peers else None,
-        given.lasts,
+        lasts_s,
         given.at_most,
-        {name: parse_choice(name, entry, given.lasts) for name, entry in given.choices.items()},
+        {name: parse_choice(name, entry, lasts_s, kinds) for name, entry in given.choices.items()},
         tuple(parse_property(name, entry) for name, entry in given.properties.items()),
     )

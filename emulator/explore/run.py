@@ -14,11 +14,12 @@ from emulator.explore.choices import CallVerb, Decision, Kind, PlanError, Schedu
 from emulator.explore.disturbances import PeerDisturbance
 from emulator.explore.plan import Plan
 from emulator.explore.properties import Monitor
+from emulator.explore.session import Player
 from emulator.peers.file import read_peers
 from emulator.peers.log import PeersError
 from emulator.services.sockets import NoNetwork
 from emulator.snapshot import Snapshot
-from emulator.virtual import VirtualRobot, virtual_robot
+from emulator.virtual import VirtualRobot, replayed_robot, virtual_robot
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import RuntimeState
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage
@@ -101,11 +102,14 @@ class Run:
     def __init__(self, plan: Plan, *, checked: bool = False) -> None:
         self._plan = plan
         try:
-            self.robot = virtual_robot(plan.model, running=True, checked=checked, **plan.options)
-            self._file = ScriptFile.read(str(plan.program))
+            if plan.session is not None:
+                self.robot = replayed_robot(plan.session.beginning, checked=checked)
+            else:
+                self.robot = virtual_robot(plan.model, running=True, checked=checked, **plan.options)
+            units = ScriptFile.read(str(plan.program)).units if plan.program is not None else ()
             if plan.peers is not None:  # the recorder comes outside the disturbances
                 read_peers(plan.peers).attach(self.robot.controller, NoNetwork())
-        except (ValueError, TypeError, NotPossible, PeersError) as error:
+        except (ValueError, TypeError, NotPossible, BadArguments, PeersError) as error:
             raise PlanError(str(error)) from error
         except OSError as error:
             raise PlanError(f"{error.filename}: {error.strerror}") from error
@@ -130,7 +134,8 @@ class Run:
         self._refused: list[str] = []
         self._broken = False
         self._watch()
-        for unit in self._file.units:
+        self.sending = Player(plan.session.messages if plan.session is not None else (), self.robot)
+        for unit in units:
             if not self.robot.send_script(unit.text):
                 raise PlanError(f"{plan.program}: the program does not start: {' '.join(self.robot.log(3))}")
 
@@ -153,11 +158,13 @@ class Run:
                 heapq.heappush(self._agenda, (at, next(self._order), decision.choice, kind, values))
         while self.periods < min(until, self.last) and not self._broken:
             while self._agenda and self._agenda[0][0] <= self.periods:
-                _, _, name, kind, values = heapq.heappop(self._agenda)
-                self._act(name, kind, values)
+                at, _, name, kind, values = heapq.heappop(self._agenda)
+                self._act(name, kind, values, at)
             self._view.actions_left = len(self._agenda)
+            self.sending.send(self.periods)
             now = self.periods
             self.robot.step(1)
+            self.sending.go_on()
             if self.periods == now:  # the controller is off, or a new one is on
                 self.periods += 1
                 self._watch()
@@ -183,9 +190,9 @@ class Run:
     def _time_s(self) -> float:
         return self.periods * self.period_s
 
-    def _act(self, name: str, kind: Kind, values: Values) -> None:
+    def _act(self, name: str, kind: Kind, values: Values, period: int) -> None:
         try:
-            kind.apply(self, values)
+            kind.apply(self, values, period)
         except (NotPossible, BadArguments) as error:
             self._refused.append(f"{name}: {error}")
             return

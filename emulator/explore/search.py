@@ -7,7 +7,7 @@ order, whatever the number of processes: the same seed finds the same.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import wait
@@ -24,20 +24,25 @@ _BATCH: Final = 8  # schedules made at a time: independent of the number of proc
 _MOMENTS: Final = 9  # of a run, about, that are kept
 _APART: Final = 500  # control periods, which take as long as the copy of a process
 _KEPT_RUNS: Final = 10  # whose moments are kept; each is a process, which shares its memory with the others
-_NEAR_NEW, _NEAR_DECISION, _NEAR_EVENT = 0.4, 0.2, 0.2  # of the decisions; the others are at any time
+_NEAR_NEW, _NEAR_EFFECT, _NEAR_DECISION, _NEAR_EVENT = 0.2, 0.2, 0.3, 0.1  # of decisions; others are at any time
 _RICH: Final = 0.5  # of the new schedules are made from the richest run that shows something, by chance
-_DELAYED: Final = 0.5  # of those to which a decision is added
+_DELAYED: Final = 0.3  # of those to which a decision is added
+_UNSEEN: Final = 0.5  # weight of a choice without effects; one that always has some has 1 more
+_DRAWN: Final = 3  # moments, of which the one that is tried least is taken
+_PARTS: Final = 20  # of a run, in which other moments are counted
+_SEVERAL: Final = 0.6  # of those to which decisions are added may get more than one at a time
+_AGAIN: Final = 0.7  # weight of a choice that is made already, next to others
 _ADDED, _MOVED = 0.6, 0.25  # of the new schedules; in the others, a decision has other values, or is left out
-_BEFORE: Final = 0.2  # of those near a moment are before it
-_FARTHEST: Final = 6  # powers of two of control periods from a moment; near ones are as frequent as far ones
+_BEFORE: Final = 0.35  # of those near a moment are before it
+_FARTHEST: Final = 5  # powers of two of control periods from a moment; near ones are as frequent as far ones
 
 
 @dataclass
 class Entry:
-    """A run. new: periods in which it showed new things. moments: copies of it by period, from which runs can go on."""
+    """A run. new: features that it was first to show. moments: copies of it by period, from which runs can go on."""
 
     trail: Trail
-    new: list[int] = field(default_factory=list)
+    new: list[Feature] = field(default_factory=list)
     moments: dict[int, Copied] = field(default_factory=dict)
     children: int = 0
 
@@ -165,7 +170,10 @@ class Search:
         self._richest: dict[Feature, Entry] = {}  # the run with most features that has this one
         self._tried: set[Schedule] = set()
         self._nearest: dict[str, float] = {}
-        self._chosen: Counter[str] = Counter()
+        self._base: dict[Feature, int] = {}  # of the run without any decision
+        self._related: Counter[Hashable] = Counter()  # how often a choice was tried so near to something
+        self._added: Counter[str] = Counter()  # how often a choice was added to a run
+        self._effective: Counter[str] = Counter()  # and how often that run then did something else
         self.features: set[Feature] = set()
         self.broken: dict[str, Trail] = {}
         self.refused: Counter[str] = Counter()
@@ -175,14 +183,18 @@ class Search:
         """The run without any decision."""
         (base,) = self._runner.carry_out([()])
         self._tried.add(())
+        self._base = base.trail.features
         self._learn(base)
         return base.trail
 
     def go_on(self) -> None:
         """One more batch of runs."""
-        schedules = list(self._schedules(_BATCH))
-        self.exhausted = not schedules
-        for entry in self._runner.carry_out(schedules):
+        made = list(self._schedules(_BATCH))
+        self.exhausted = not made
+        entries = self._runner.carry_out([schedule for schedule, _, _ in made])
+        for entry, (_, parent, added) in zip(entries, made, strict=True):
+            self._added[added] += 1
+            self._effective[added] += entry.trail.features.keys() != parent.trail.features.keys()
             self._learn(entry)
 
     @property
@@ -195,7 +207,7 @@ class Search:
         self.refused.update(text.partition(":")[0] for text in trail.refused)
         new = trail.features.keys() - self.features
         self.features |= new
-        entry.new = sorted({trail.features[feature] for feature in new})
+        entry.new = [feature for feature in trail.features if feature in new]
         for name, margin in trail.margins.items():
             self._nearest[name] = min(margin, self._nearest.get(name, margin))
         for name in trail.broken:
@@ -210,17 +222,20 @@ class Search:
         else:
             entry.close()
 
-    def _schedules(self, number: int) -> Iterator[Schedule]:
-        """New schedules; fewer if nothing new is found in many attempts."""
+    def _schedules(self, number: int) -> Iterator[tuple[Schedule, Entry, str]]:
+        """New schedules, each with the run it is made from and the choice that is added to it, "" for none.
+
+        Fewer if nothing new is found in many attempts.
+        """
         left = number
         for _ in range(50 * number):
             parent = self._parent()
-            schedule = self._changed(parent)
+            schedule, added = self._changed(parent)
             if schedule in self._tried:
                 continue
             parent.children += 1
             self._tried.add(schedule)
-            yield schedule
+            yield schedule, parent, added
             left -= 1
             if not left:
                 return
@@ -229,13 +244,22 @@ class Search:
         entries = list(self._richest.values()) if self._chance.random() < _RICH else self._corpus
         return min(self._chance.sample(entries, min(3, len(entries))), key=lambda one: one.children)
 
-    def _changed(self, entry: Entry) -> Schedule:
-        schedule = list(entry.trail.schedule)
+    def _changed(self, entry: Entry) -> tuple[Schedule, str]:
+        schedule, added = list(entry.trail.schedule), ""
         what = self._chance.random()
-        if not schedule or (what < _ADDED and len(schedule) < self._plan.at_most):
-            by = self._delay(schedule)
+        if not schedule or what < _ADDED:
+            full = len(schedule) >= self._plan.at_most
+            if full:
+                weights = [1.0 / self._weight(one.choice) for one in schedule]
+                schedule.remove(self._chance.choices(schedule, weights)[0])
+            by, room = self._delay(schedule), self._plan.at_most - len(schedule)
+            number = self._chance.randint(1, room) if self._chance.random() < _SEVERAL else 1
             schedule = [replace(one, period=one.period + by) for one in schedule]
-            schedule.append(self._decision(entry, schedule, by))
+            for _ in range(number):
+                name = self._name(schedule)
+                values = self._plan.choices[name].draw(self._chance)
+                schedule.append(Decision(self._moment(entry, name, schedule, by), name, tuple(values.items())))
+            added = schedule[-1].choice if number == 1 and not full else ""
         else:
             place = self._chance.randrange(len(schedule))
             old = schedule.pop(place)
@@ -244,7 +268,8 @@ class Search:
             elif not schedule or self._chance.random() < 0.5:
                 values = self._plan.choices[old.choice].draw(self._chance)
                 schedule.append(replace(old, values=tuple(values.items())))
-        return tuple(sorted(schedule, key=lambda one: (one.period, one.choice)))
+        settled = (replace(one, period=self._plan.choices[one.choice].kind.settled(one.period)) for one in schedule)
+        return tuple(sorted(settled, key=lambda one: (one.period, one.choice))), added
 
     def _delay(self, schedule: Sequence[Decision]) -> int:
         """By how many periods all decisions happen later, so that there is a time for others before and after them."""
@@ -259,31 +284,52 @@ class Search:
         last = min(round(span.high / period_s), round(self._plan.lasts_s / period_s) - 1)
         return min(round(span.low / period_s), last), last
 
-    def _decision(self, entry: Entry, others: Sequence[Decision], by: int) -> Decision:
+    def _name(self, others: Sequence[Decision]) -> str:
+        """The choice to add: rather one that has had effects, and one that is not among the others."""
         names = list(self._plan.choices)
-        name = min(self._chance.sample(names, min(2, len(names))), key=lambda one: self._chosen[one])
-        self._chosen[name] += 1
-        values = self._plan.choices[name].draw(self._chance)
-        return Decision(self._moment(entry, name, others, by), name, tuple(values.items()))
+        present = {one.choice for one in others}
+        weights = [self._weight(name) * (_AGAIN if name in present else 1.0) for name in names]
+        return self._chance.choices(names, weights)[0]
+
+    def _weight(self, name: str) -> float:
+        return _UNSEEN + (1 + self._effective[name]) / (2 + self._added[name])
 
     def _moment(self, entry: Entry, name: str, others: Sequence[Decision], by: int = 0) -> int:
         """A control period for a choice: near one in which something happened or another decision acts, or any.
 
+        Of a few that are drawn, it is the one that has been tried least in relation to what it is near.
         by: how many periods later than in the entry the others are.
         """
         first, last = self._bounds(name)
-        acts = [
-            one.period + round(delay_s / self._plan.period_s)
-            for one in others
-            for delay_s, _, _ in self._plan.choices[one.choice].actions(dict(one.values))
+        features, base = entry.trail.features, self._base
+        anchors: list[tuple[float, dict[int, Hashable]]] = [
+            (_NEAR_NEW, {features[feature] + by: feature for feature in entry.new}),
+            (_NEAR_EFFECT, {at + by: feature for feature, at in features.items() if base.get(feature) != at}),
+            (
+                _NEAR_DECISION,
+                {
+                    one.period + round(delay_s / self._plan.period_s): (one.choice, number)
+                    for one in others
+                    for number, (delay_s, _, _) in enumerate(self._plan.choices[one.choice].actions(dict(one.values)))
+                },
+            ),
+            (_NEAR_EVENT, {at: feature for feature, at in base.items()}),
         ]
-        new, events = [period + by for period in entry.new], sorted({*entry.trail.features.values()})
-        what = self._chance.random()
-        for share, moments in (_NEAR_NEW, new), (_NEAR_DECISION, acts), (_NEAR_EVENT, events):
-            what -= share
-            if what < 0.0 and moments:
-                return max(first, min(self._chance.choice(moments) + self._offset(), last))
-        return self._chance.randint(first, last)
+
+        def draw() -> tuple[Hashable, int]:
+            what = self._chance.random()
+            for share, moments in anchors:
+                what -= share
+                if what < 0.0 and moments:
+                    at, anchor = self._chance.choice(list(moments.items()))
+                    offset = self._offset()
+                    return (name, anchor, offset), max(first, min(at + offset, last))
+            at = self._chance.randint(first, last)
+            return (name, at * _PARTS // (last + 1)), at
+
+        relation, at = min((draw() for _ in range(_DRAWN)), key=lambda one: self._related[one[0]])
+        self._related[relation] += 1
+        return at
 
     def _offset(self) -> int:
         distance = int(2.0 ** self._chance.uniform(0.0, _FARTHEST)) - 1

@@ -35,6 +35,11 @@ _MAX_CLIENTS: Final = 6  # of a port that have lanes: clients that connect for e
 _FAULTS: Final = ("inject_fault", "clear_fault", "clear_faults")  # verbs
 
 
+def lane_of(command: Command) -> str:
+    """Where commands of a class are shown, by the interface on which they arrive."""
+    return _LANES.get(type(command), _OTHER_LANE)
+
+
 def trace_of(source: Path, begin_s: float = 0.0, end_s: float = inf) -> tuple[Trace, str]:
     """The trace of a journal between two times, and where its replay differs, "" if nowhere.
 
@@ -177,7 +182,7 @@ class _Messages:
 
     def _take_post(self, time_s: float, content: Any, client: str = "") -> None:
         command = decode(content, self._numbers)
-        lane = self._lane(_LANES.get(type(command), _OTHER_LANE), client)
+        lane = self._lane(lane_of(command), client)
         if isinstance(command, RTDEInputs):
             if text := self._streams.setdefault(lane, _Stream()).add(time_s, command.values):
                 self._event(lane, time_s, text)
