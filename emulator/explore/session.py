@@ -94,8 +94,8 @@ def _message(record: Record, since: int, numbers: Numbers) -> Message:
         return Message(period - since, record, "".join(client), _VERB_LANE, f"{content}({shown})")
     command = decode(content, numbers)
     origin = getattr(command, "origin", "")
-    client = origin.removeprefix(_ORIGIN) if origin.startswith(_ORIGIN) else "".join(rest)
-    return Message(period - since, record, client, lane_of(command), getattr(command, "text", "") or repr(command))
+    sender = origin.removeprefix(_ORIGIN) if origin.startswith(_ORIGIN) else "".join(rest)
+    return Message(period - since, record, sender, lane_of(command), getattr(command, "text", "") or repr(command))
 
 
 class ChangeMessage(Kind):

@@ -120,7 +120,7 @@ class Document:
         """All findings. Raises SourceError and ProjectError."""
         data, name = to_bytes(self.text), str(self.path.with_suffix(SCRIPTS[0]))
         sources = {version: sources_in(name, data, self.project, version) for version in self.versions}
-        return findings(sources, libraries(), self.project)
+        return findings(sources, self.project)
 
     def findings_near(self, base: "Document", known: Sequence[Finding]) -> list[Finding] | None:
         """The findings of an earlier version, those near what has changed since renewed; None if that is too much.
@@ -145,7 +145,7 @@ class Document:
             return (at, column, lines[at - 1]) if 1 < line <= until + 1 else None
 
         source = Source(str(self.path), ScriptFile("near", to_bytes(text)), place, lines, names)
-        found = findings({version: [source] for version in self.versions}, libraries(), self.project)
+        found = findings({version: [source] for version in self.versions}, self.project)
         old = range(before + 1, base.places.line(end) + 1)
         more = len(lines) - base.text.count("\n") - 1
         kept = [
