@@ -18,6 +18,7 @@ from urproto.compat import Self
 from urproto.controlapi import NotPossible
 
 Call = tuple[tuple[Any, ...], dict[str, Any]]
+_NO_COPIES: Final = "this system cannot copy processes"
 _COPY: Final = None  # the request for another copy
 
 _open: "weakref.WeakSet[Copied]" = weakref.WeakSet()  # of this process: its copies must not keep their connections
@@ -42,6 +43,8 @@ class Copied:
     @classmethod
     def of(cls, subject: object) -> "Copied":
         """Copy this process, and with it the object as it is. Raises OSError if there is no room for a process."""
+        if sys.platform == "win32":
+            raise OSError(_NO_COPIES)
         mine, its = Pipe()
         if (process := _fork()) == 0:
             mine.close()
@@ -51,6 +54,8 @@ class Copied:
 
     def copy(self) -> "Copied":
         """Another copy of the object as it is there."""
+        if sys.platform == "win32":
+            raise OSError(_NO_COPIES)
         mine, its = Pipe()
         with its:
             self._send(_COPY)
@@ -138,17 +143,12 @@ class Branch(VerbMethods):
 
 
 def _fork() -> int:
-    """Copy this process. Returns its id, and 0 in the copy, which leaves signals to the original."""
     if sys.platform == "win32":
-        raise OSError("this system cannot copy processes")
+        raise OSError(_NO_COPIES)
     with warnings.catch_warnings():
         # of threads, which the copy does not have: it needs none, and takes no lock that one of them may hold
         warnings.simplefilter("ignore", DeprecationWarning)
-        process = os.fork()
-    if process == 0:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for whoever has made the copy
-        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system itself removes copies that are over
-    return process
+        return os.fork()
 
 
 def _end(connection: Connection, process: int | None) -> None:
@@ -159,7 +159,11 @@ def _end(connection: Connection, process: int | None) -> None:
 
 def _serve(subject: object, connection: Connection) -> NoReturn:
     """What the copy of a process does: answer, until nobody is left to ask."""
+    if sys.platform == "win32":
+        raise OSError(_NO_COPIES)
     try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for whoever has made the copy
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system itself removes copies that are over
         for other in tuple(_open):
             other.forget()
         Server(subject, connection).serve()
@@ -218,6 +222,8 @@ def _answer(connection: Connection, answer: tuple[bool, Any]) -> None:
 
 def _copied(connection: Connection) -> Connection:
     """Copy the process once more; returns the connection that this process answers on now."""
+    if sys.platform == "win32":
+        raise OSError(_NO_COPIES)
     its = Connection(recv_handle(connection))
     if _fork() == 0:
         connection.close()
