@@ -6,6 +6,7 @@ near moments at which something happened, since races are there. The next schedu
 order, whatever the number of processes: the same seed finds the same.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import ExitStack
@@ -25,7 +26,8 @@ _MOMENTS: Final = 9  # of a run, about, that are kept
 _APART: Final = 500  # control periods, which take as long as the copy of a process
 _KEPT_RUNS: Final = 10  # whose moments are kept; each is a process, which shares its memory with the others
 _NEAR_NEW, _NEAR_EFFECT, _NEAR_DECISION, _NEAR_EVENT = 0.2, 0.2, 0.3, 0.1  # of decisions; others are at any time
-_RICH: Final = 0.5  # of the new schedules are made from the richest run that shows something, by chance
+_CLOSE: Final = 0.2  # of the new schedules are made from a run that has nearly broken a property
+_RICH: Final = 0.5  # of the others are made from the richest run that shows something, by chance
 _DELAYED: Final = 0.3  # of those to which a decision is added
 _UNSEEN: Final = 0.5  # weight of a choice without effects; one that always has some has 1 more
 _DRAWN: Final = 3  # moments, of which the one that is tried least is taken
@@ -170,6 +172,7 @@ class Search:
         self._richest: dict[Feature, Entry] = {}  # the run with most features that has this one
         self._tried: set[Schedule] = set()
         self._nearest: dict[str, float] = {}
+        self._closest: dict[str, Entry] = {}  # of each property, the run with that margin
         self._base: dict[Feature, int] = {}  # of the run without any decision
         self._related: Counter[Hashable] = Counter()  # how often a choice was tried so near to something
         self._added: Counter[str] = Counter()  # how often a choice was added to a run
@@ -209,7 +212,10 @@ class Search:
         self.features |= new
         entry.new = [feature for feature in trail.features if feature in new]
         for name, margin in trail.margins.items():
-            self._nearest[name] = min(margin, self._nearest.get(name, margin))
+            if margin < self._nearest.get(name, math.inf):
+                self._nearest[name] = margin
+                if trail.schedule and not trail.broken:
+                    self._closest[name] = entry
         for name in trail.broken:
             self.broken.setdefault(name, trail)
         if (new and not trail.broken) or not self._corpus:
@@ -241,6 +247,8 @@ class Search:
                 return
 
     def _parent(self) -> Entry:
+        if self._closest and self._chance.random() < _CLOSE:
+            return self._chance.choice(list(self._closest.values()))
         entries = list(self._richest.values()) if self._chance.random() < _RICH else self._corpus
         return min(self._chance.sample(entries, min(3, len(entries))), key=lambda one: one.children)
 

@@ -89,9 +89,9 @@ class Session:
 def _message(record: Record, since: int, numbers: Numbers) -> Message:
     period, way, content, *rest = record
     if way == "verb":
-        arguments, *client = rest
-        shown = ", ".join(f"{name}={value!r}" for name, value in decode(arguments, numbers).items())
-        return Message(period - since, record, "".join(client), _VERB_LANE, f"{content}({shown})")
+        arguments = decode(rest.pop(0), numbers)
+        shown = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
+        return Message(period - since, record, "".join(rest), _VERB_LANE, f"{content}({shown})")
     command = decode(content, numbers)
     origin = getattr(command, "origin", "")
     client = origin.removeprefix(_ORIGIN) if origin.startswith(_ORIGIN) else "".join(rest)

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.config import ConfigError, controller_config
-from emulator.control.control import Control, ServedRobot
+from emulator.control.control import Control
 from emulator.control.snapshots import restore_state
 from emulator.control.timing import ManualPace
+from emulator.control.verbs import ServedRobot
 from emulator.controller import Controller
 from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector

@@ -10,7 +10,7 @@ from tests.explore.planted import planted
 PLANTED = planted()
 QUICK = {"answer without a time limit", "time that passes at standstill", "door that is tested too early"}
 MOST_RUNS = 600
-REPLAYS = 3
+REPLAYS = 20
 
 
 @pytest.mark.parametrize(
