@@ -34,8 +34,8 @@ _DRAWN: Final = 3  # moments, of which the one that is tried least is taken
 _PARTS: Final = 20  # of a run, in which other moments are counted
 _SEVERAL: Final = 0.6  # of those to which decisions are added may get more than one at a time
 _AGAIN: Final = 0.7  # weight of a choice that is made already, next to others
-_ADDED, _MOVED = 0.6, 0.25  # of the new schedules; in the others, a decision has other values, or is left out
-_BEFORE: Final = 0.35  # of those near a moment are before it
+_ADDED, _MOVED = 0.7, 0.2  # of the new schedules; in the others, a decision has other values, or is left out
+_BEFORE: Final = 0.5  # of those near a moment are before it
 _FARTHEST: Final = 5  # powers of two of control periods from a moment; near ones are as frequent as far ones
 
 
