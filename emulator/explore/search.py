@@ -6,7 +6,6 @@ near moments at which something happened, since races are there. The next schedu
 order, whatever the number of processes: the same seed finds the same.
 """
 
-import math
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import ExitStack
@@ -171,8 +170,7 @@ class Search:
         self._corpus: list[Entry] = []
         self._richest: dict[Feature, Entry] = {}  # the run with most features that has this one
         self._tried: set[Schedule] = set()
-        self._nearest: dict[str, float] = {}
-        self._closest: dict[str, Entry] = {}  # of each property, the run with that margin
+        self._closest: dict[str, Entry] = {}  # the run with the least margin of each property
         self._base: dict[Feature, int] = {}  # of the run without any decision
         self._related: Counter[Hashable] = Counter()  # how often a choice was tried so near to something
         self._added: Counter[str] = Counter()  # how often a choice was added to a run
@@ -200,11 +198,6 @@ class Search:
             self._effective[added] += entry.trail.features.keys() != parent.trail.features.keys()
             self._learn(entry)
 
-    @property
-    def nearest(self) -> dict[str, float]:
-        """The least margin of each property so far."""
-        return dict(self._nearest)
-
     def _learn(self, entry: Entry) -> None:
         trail = entry.trail
         self.refused.update(text.partition(":")[0] for text in trail.refused)
@@ -212,10 +205,8 @@ class Search:
         self.features |= new
         entry.new = [feature for feature in trail.features if feature in new]
         for name, margin in trail.margins.items():
-            if margin < self._nearest.get(name, math.inf):
-                self._nearest[name] = margin
-                if trail.schedule and not trail.broken:
-                    self._closest[name] = entry
+            if name not in self._closest or (margin < self._closest[name].trail.margins[name] and not trail.broken):
+                self._closest[name] = entry
         for name in trail.broken:
             self.broken.setdefault(name, trail)
         if (new and not trail.broken) or not self._corpus:
@@ -247,8 +238,9 @@ class Search:
                 return
 
     def _parent(self) -> Entry:
-        if self._closest and self._chance.random() < _CLOSE:
-            return self._chance.choice(list(self._closest.values()))
+        close = [entry for entry in self._closest.values() if entry.trail.schedule]
+        if close and self._chance.random() < _CLOSE:
+            return self._chance.choice(close)
         entries = list(self._richest.values()) if self._chance.random() < _RICH else self._corpus
         return min(self._chance.sample(entries, min(3, len(entries))), key=lambda one: one.children)
 
