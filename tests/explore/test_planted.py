@@ -13,6 +13,7 @@ MOST_RUNS = 600
 REPLAYS = 20
 
 
+@pytest.mark.timeout(900)  # some hundreds of runs, also on a busy machine
 @pytest.mark.parametrize(
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.long) for name in PLANTED]
 )
