@@ -4,7 +4,7 @@ import sys
 import tempfile
 import time
 from itertools import combinations_with_replacement
-from math import prod
+from math import prod, sqrt
 from pathlib import Path
 from random import Random
 from statistics import median
@@ -12,6 +12,7 @@ from typing import Any
 
 from table import Table
 
+from emulator.branches import Copied
 from emulator.explore.choices import Choice, Decision, Domain, OneOf, Schedule, Span
 from emulator.explore.plan import Plan, read_plan
 from emulator.explore.run import Run
@@ -22,14 +23,22 @@ from emulator.virtual import virtual_robot
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.explore.planted import Planted, planted
 
-SEEDS = (0, 1, 2)
-MOST_RUNS = 250
+SEEDS = range(5)
+MOST_RUNS = 200
 MENDED_RUNS = 100
 GRID_POINTS = 10  # of each range
-GRID_MOST = 10  # times the runs of the search, after which the grid has lost
+GRID_SAMPLE = 300  # points of it that are run
 REPLAYS = 20
 BATCH = 8
 BLOCKS = 5
+
+
+class _TimedRun(Run):
+    """A run that says how much CPU time its process has used [s]."""
+
+    @property
+    def cpu_s(self) -> float:
+        return time.process_time()
 
 
 def measure() -> Table:
@@ -49,21 +58,26 @@ def measure() -> Table:
             began = time.process_time()
             Run(plan).finish(())
             whole.append(periods / (time.process_time() - began))
-            with Runner(plan, usable_cores()) as runner:
-                schedules = [(Decision(period, "lamp", (("index", 7), ("level", True))),) for period in range(40)]
-                began = time.perf_counter()
-                runner.carry_out(schedules, keeping=False)
-                copied.append(len(schedules) * periods / (time.perf_counter() - began))
+            with Copied.of(_TimedRun(plan)) as first:
+                began = time.process_time() + first.ask("cpu_s")
+                with first.copy() as copy:
+                    copy.ask("finish", ())
+                    used = copy.ask("cpu_s") + time.process_time() + first.ask("cpu_s") - began
+                copied.append(periods / used)
+    alone = median(bare)
     return Table(
         "Explorations: speed",
-        f"Control periods of a UR3 per second, in a run of 3 s of a program with two threads; medians of {BLOCKS} "
-        "runs. A run of an exploration includes the start of the robot and of the program. The last row is all cores "
-        f"({usable_cores()} here) in real time, with the copies of processes; the others are CPU time.",
-        ("", "periods per second"),
+        f"Control periods of a UR3 per second of CPU time, in a run of 3 s of a program with two threads; medians of "
+        f"{BLOCKS} runs. The bound is what the control periods of this program take alone. The second row includes the "
+        "start of the robot and of the program; explorations make it once and then copy the process, as in the third.",
+        ("", "periods per second", "of the bound"),
         [
-            ["control periods alone", f"{median(bare):.0f}"],
-            ["a run of an exploration", f"{median(whole):.0f}"],
-            ["explorations, all cores", f"{median(copied):.0f}"],
+            [name, f"{value:.0f}", f"{100 * value / alone:.0f} %"]
+            for name, value in (
+                ("control periods alone", alone),
+                ("a run from its beginning", median(whole)),
+                ("a run in a copy of the process", median(copied)),
+            )
         ],
     )
 
@@ -72,12 +86,13 @@ def measure_planted() -> Table:
     """The search and a grid over the same choices, for each planted fault."""
     return Table(
         "Explorations: planted faults",
-        f"Runs until the fault is found, at most {MOST_RUNS}: median of {len(SEEDS)} seeds, in steps of {BATCH}. Grid: "
-        f"{GRID_POINTS} values of each range, as many choices as the simplest schedule has, in random order; it is "
-        f"given up after {GRID_MOST} times the runs of the search. Choices: of what is found with each seed, "
-        f"simplified, at most. Same: repetitions of {REPLAYS} that are the same. Mended: what {MENDED_RUNS} runs of "
-        "the program without the fault find.",
-        ("fault", "search", "grid", "choices", "same", "mended"),
+        f"Search: runs until the fault is found, with seeds {SEEDS[0]} to {SEEDS[-1]}, in steps of {BATCH}; - is not "
+        f"within {MOST_RUNS}. Grid: {GRID_POINTS} values of each range, with as many choices as the simplest schedule "
+        "has, which the search does not know; the mean number of points in random order until one breaks the program, "
+        f"from the share of {GRID_SAMPLE} random points that do, with its 95 % interval. Choices: of what "
+        f"is found with each seed, simplified, at most. Same: of {REPLAYS} repetitions, those that are the same. "
+        f"Mended: what {MENDED_RUNS} runs of the program without the fault find.",
+        ("fault", "search", "median", "grid", "choices", "same", "mended"),
         [_row(one) for one in planted().values()],
     )
 
@@ -86,23 +101,19 @@ def _row(one: Planted) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         plan = read_plan(one.write(Path(folder)))
         answers = [_search(plan, seed, MOST_RUNS) for seed in SEEDS]
-        runs = median(count for _, count in answers)
+        counts = [count for _, count in answers]
+        told = ", ".join(str(count) if count <= MOST_RUNS else "-" for count in counts)
+        row = [one.name, told, f"{median(counts):.0f}" if median(counts) <= MOST_RUNS else f"> {MOST_RUNS}"]
         trails = sorted((it.trail for found, _ in answers for it in found), key=lambda trail: len(trail.schedule))
-        if runs > MOST_RUNS or not trails:
-            row = [one.name, f"> {MOST_RUNS}", "", "", "", ""]
-        else:
-            most = round(GRID_MOST * runs)
-            grid = _grid_runs(plan, len(trails[0].schedule), SEEDS[0], most)
-            same = sum(Run(plan).finish(trails[0].schedule) == trails[0] for _ in range(REPLAYS))
-            mended, _ = _search(read_plan(one.write(Path(folder), mended=True)), SEEDS[0], MENDED_RUNS)
-            row = [
-                one.name,
-                f"{runs:.0f}",
-                str(grid) if grid <= most else f"> {most}",
+        if trails:
+            row += [
+                _grid(plan, len(trails[0].schedule), SEEDS[0]),
                 str(len(trails[-1].schedule)),
-                f"{same} of {REPLAYS}",
-                ", ".join(it.property for it in mended) or "nothing",
+                f"{sum(Run(plan).finish(trails[0].schedule) == trails[0] for _ in range(REPLAYS))} of {REPLAYS}",
             ]
+            mended, _ = _search(read_plan(one.write(Path(folder), mended=True)), SEEDS[0], MENDED_RUNS)
+            row.append(", ".join(it.property for it in mended) or "nothing")
+    row += [""] * (7 - len(row))
     sys.stdout.write(f"{row}\n")
     sys.stdout.flush()
     return row
@@ -116,21 +127,28 @@ def _search(plan: Plan, seed: int, most: int) -> tuple[list[Found], int]:
     return list(found.values()), min((it.runs for it in found.values()), default=most + 1)
 
 
-def _grid_runs(plan: Plan, size: int, seed: int, most: int) -> int:
-    """The runs until a grid has found something; more than ``most`` if it has not."""
+def _grid(plan: Plan, size: int, seed: int) -> str:
+    """The mean number of points of the grid until one breaks the program, with its interval."""
     axes = [
         [axis for name in names for axis in _axes(plan.choices[name])]
         for names in combinations_with_replacement(plan.choices, size)
     ]
     sizes = [prod(len(axis) for axis in one) for one in axes]
-    numbers = Random(seed).sample(range(sum(sizes)), min(most, sum(sizes)))
+    numbers = Random(seed).sample(range(sum(sizes)), min(GRID_SAMPLE, sum(sizes)))
     with Runner(plan, usable_cores()) as runner:
-        for first in range(0, len(numbers), BATCH):
-            batch = [_schedule(plan, size, axes, sizes, number) for number in numbers[first : first + BATCH]]
-            for number, entry in enumerate(runner.carry_out(batch, keeping=False), first + 1):
-                if entry.trail.broken:
-                    return number
-    return most + 1
+        schedules = [_schedule(plan, size, axes, sizes, number) for number in numbers]
+        broken = sum(bool(entry.trail.broken) for entry in runner.carry_out(schedules, keeping=False))
+    low, high = _interval(broken, len(numbers))
+    if not broken:
+        return f"> {1.0 / high:.0f}"
+    return f"{len(numbers) / broken:.0f} ({1.0 / high:.0f} to {1.0 / low:.0f})"
+
+
+def _interval(hits: int, number: int) -> tuple[float, float]:
+    """Wilson's interval of a share, 95 %."""
+    share, square = hits / number, 1.96**2 / number
+    middle, half = share + square / 2.0, sqrt(square * (share * (1.0 - share) + square / 4.0))
+    return (middle - half) / (1.0 + square), (middle + half) / (1.0 + square)
 
 
 def _axes(choice: Choice) -> list[list[Any]]:

@@ -16,6 +16,7 @@ properties:
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ import msgspec
 from emulator.config import ConfigError, read_yaml
 from emulator.explore.choices import KINDS, Choice, PlanError, parse_choice
 from emulator.explore.properties import Property, parse_property
-from emulator.explore.session import Session
+from emulator.explore.session import ChangeMessage, Session
 from urproto.robots import load_model
 
 _MAX_RUN_S = 3600.0
@@ -95,7 +96,7 @@ def plan_of(content: Any, folder: Path = Path()) -> Plan:
     files: dict[str, Any] = {
         name: folder / given.options[name] for name in ("world", "programs") if name in given.options
     }
-    kinds = KINDS if session is None else {**KINDS, "session": session.choice}
+    kinds = KINDS if session is None else {**KINDS, "session": partial(ChangeMessage, session=session)}
     return Plan(
         given.program or given.session,
         folder / given.program if given.program else None,

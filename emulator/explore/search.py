@@ -25,15 +25,16 @@ _MOMENTS: Final = 9  # of a run, about, that are kept
 _APART: Final = 500  # control periods, which take as long as the copy of a process
 _KEPT_RUNS: Final = 10  # whose moments are kept; each is a process, which shares its memory with the others
 _NEAR_NEW, _NEAR_EFFECT, _NEAR_DECISION, _NEAR_EVENT = 0.2, 0.2, 0.3, 0.1  # of decisions; others are at any time
-_RICH: Final = 0.5  # of the new schedules are made from the richest run that shows something, by chance
+_CLOSE: Final = 0.2  # of the new schedules are made from a run that has nearly broken a property
+_RICH: Final = 0.5  # of the others are made from the richest run that shows something, by chance
 _DELAYED: Final = 0.3  # of those to which a decision is added
 _UNSEEN: Final = 0.5  # weight of a choice without effects; one that always has some has 1 more
 _DRAWN: Final = 3  # moments, of which the one that is tried least is taken
 _PARTS: Final = 20  # of a run, in which other moments are counted
 _SEVERAL: Final = 0.6  # of those to which decisions are added may get more than one at a time
 _AGAIN: Final = 0.7  # weight of a choice that is made already, next to others
-_ADDED, _MOVED = 0.6, 0.25  # of the new schedules; in the others, a decision has other values, or is left out
-_BEFORE: Final = 0.35  # of those near a moment are before it
+_ADDED, _MOVED = 0.7, 0.2  # of the new schedules; in the others, a decision has other values, or is left out
+_BEFORE: Final = 0.5  # of those near a moment are before it
 _FARTHEST: Final = 5  # powers of two of control periods from a moment; near ones are as frequent as far ones
 
 
@@ -169,7 +170,7 @@ class Search:
         self._corpus: list[Entry] = []
         self._richest: dict[Feature, Entry] = {}  # the run with most features that has this one
         self._tried: set[Schedule] = set()
-        self._nearest: dict[str, float] = {}
+        self._closest: dict[str, Entry] = {}  # the run with the least margin of each property
         self._base: dict[Feature, int] = {}  # of the run without any decision
         self._related: Counter[Hashable] = Counter()  # how often a choice was tried so near to something
         self._added: Counter[str] = Counter()  # how often a choice was added to a run
@@ -197,11 +198,6 @@ class Search:
             self._effective[added] += entry.trail.features.keys() != parent.trail.features.keys()
             self._learn(entry)
 
-    @property
-    def nearest(self) -> dict[str, float]:
-        """The least margin of each property so far."""
-        return dict(self._nearest)
-
     def _learn(self, entry: Entry) -> None:
         trail = entry.trail
         self.refused.update(text.partition(":")[0] for text in trail.refused)
@@ -209,7 +205,8 @@ class Search:
         self.features |= new
         entry.new = [feature for feature in trail.features if feature in new]
         for name, margin in trail.margins.items():
-            self._nearest[name] = min(margin, self._nearest.get(name, margin))
+            if name not in self._closest or (margin < self._closest[name].trail.margins[name] and not trail.broken):
+                self._closest[name] = entry
         for name in trail.broken:
             self.broken.setdefault(name, trail)
         if (new and not trail.broken) or not self._corpus:
@@ -241,6 +238,9 @@ class Search:
                 return
 
     def _parent(self) -> Entry:
+        close = [entry for entry in self._closest.values() if entry.trail.schedule]
+        if close and self._chance.random() < _CLOSE:
+            return self._chance.choice(close)
         entries = list(self._richest.values()) if self._chance.random() < _RICH else self._corpus
         return min(self._chance.sample(entries, min(3, len(entries))), key=lambda one: one.children)
 

@@ -15,27 +15,22 @@ from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
+
+import msgspec
 
 from emulator.control.control import is_waiting
-from emulator.explore.choices import Domain, Fixed, Kind, PlanError, Span, Target, Values, domain_of
+from emulator.explore.choices import Domain, Kind, PlanError, Span, Target, Values, domain_of
 from emulator.journal.file import DAMAGE, MAGIC, Record, frame_of, line_of, read_journal
 from emulator.journal.trace import lane_of
 from emulator.journal.values import Numbers, decode
 from emulator.virtual import VirtualRobot
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
-from urproto.text import unknown
 
-_CHANGES: Final = ("moved", "dropped", "doubled", "swapped")
-_WORDS: Final = ("by", "client", "kind")
 _MOST_SHOWN: Final = 60  # characters of a message
-_NOT_SENT: Final = {  # records of what no client has sent: nobody knows it for a run that is another one
-    "file": "a program was changed in it",
-    "reboot": "the controller was switched off and on in it",
-    "tool": "it has data from the tool's serial line",
-}
-_CONNECTIONS: Final = frozenset({"socket", "modbus"})
+_NOT_SENT: Final = {"file", "reboot", "tool"}  # records of what no client has sent: another run may have it otherwise
+_CONNECTIONS: Final = {"socket", "modbus"}
 _VERB_LANE: Final = "Control API"
 _ORIGIN: Final = "a script from "
 
@@ -76,26 +71,29 @@ class Session:
         except (ValueError, *DAMAGE) as error:
             raise PlanError(f"{file} is no session: {error}") from error
         kinds = {record[1] for record in records}
-        if why := next((why for kind, why in _NOT_SENT.items() if kind in kinds), ""):
-            raise PlanError(f"the session {file} cannot be explored: {why}")
+        if wrong := ", ".join(sorted(kinds & _NOT_SENT)):
+            raise PlanError(f"{file} cannot be explored: it has records of the kinds {wrong} (docs/journal.md)")
         if not peers and kinds & _CONNECTIONS:
             raise PlanError(f"programs of the session {file} use connections: name who answers them in peers")
-
-    def choice(self, entry: Mapping[str, Any]) -> Kind:
-        """The kind of choice that an entry of the plan describes. Raises PlanError."""
-        return ChangeMessage(entry, self)
 
 
 def _message(record: Record, since: int, numbers: Numbers) -> Message:
     period, way, content, *rest = record
     if way == "verb":
-        arguments, *client = rest
-        shown = ", ".join(f"{name}={value!r}" for name, value in decode(arguments, numbers).items())
-        return Message(period - since, record, "".join(client), _VERB_LANE, f"{content}({shown})")
+        arguments = decode(rest.pop(0), numbers)
+        shown = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
+        return Message(period - since, record, "".join(rest), _VERB_LANE, f"{content}({shown})")
     command = decode(content, numbers)
     origin = getattr(command, "origin", "")
     sender = origin.removeprefix(_ORIGIN) if origin.startswith(_ORIGIN) else "".join(rest)
     return Message(period - since, record, sender, lane_of(command), getattr(command, "text", "") or repr(command))
+
+
+class _Entry(msgspec.Struct, forbid_unknown_fields=True):
+    session: Literal["moved", "dropped", "doubled", "swapped"]
+    by: int | str | None = None
+    client: str = ""
+    kind: str = ""
 
 
 class ChangeMessage(Kind):
@@ -105,26 +103,22 @@ class ChangeMessage(Kind):
     """
 
     def __init__(self, entry: Mapping[str, Any], session: Session) -> None:
-        given = dict(entry)
-        self._change = given.pop("session")
-        if self._change not in _CHANGES:
-            raise PlanError(f"session: {unknown('word', str(self._change), _CHANGES)}")
-        if wrong := sorted(set(given) - set(_WORDS)):
-            raise PlanError(f"session: {unknown('word', wrong[0], _WORDS)}")
-        by = domain_of(given.get("by", 0))
-        if isinstance(by, Fixed) and type(by.value) is int:
-            by = Span(by.value, by.value, whole=True)
-        if not isinstance(by, Span) or not by.whole or (self._change == "moved") is not ("by" in given):
+        try:
+            given = msgspec.convert(entry, _Entry)
+        except msgspec.ValidationError as error:
+            raise PlanError(f"session: {error}") from error
+        by = domain_of(f"{given.by}..{given.by}" if isinstance(given.by, int) else given.by or "0..0")
+        if not isinstance(by, Span) or not by.whole or (given.session == "moved") is (given.by is None):
             raise PlanError("session: a message is moved by LOW..HIGH control periods; no other has by")
         lead = -min(0, round(by.low))
-        self.parameters: dict[str, Domain] = {"by": by} if "by" in given else {}
-        self._session = session
+        self.parameters: dict[str, Domain] = {} if given.by is None else {"by": by}
+        self._change, self._session = given.session, session
         self._moments = [  # in which period it is decided, and the number of the message
             (max(0, one.period - lead), number)
             for number, (one, following) in enumerate(pairwise([*session.messages, None]))
             if one is not None
-            and str(given.get("client", "")) in one.client
-            and given.get("kind", one.kind) == one.kind
+            and given.client in one.client
+            and given.kind in ("", one.kind)
             and (self._change != "swapped" or (following is not None and following.period == one.period))
         ]
 

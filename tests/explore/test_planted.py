@@ -10,9 +10,10 @@ from tests.explore.planted import planted
 PLANTED = planted()
 QUICK = {"answer without a time limit", "time that passes at standstill", "door that is tested too early"}
 MOST_RUNS = 600
-REPLAYS = 3
+REPLAYS = 20
 
 
+@pytest.mark.timeout(900)  # some hundreds of runs, also on a busy machine
 @pytest.mark.parametrize(
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.long) for name in PLANTED]
 )

@@ -14,7 +14,6 @@ from client.traffic.proxy import Proxy, peer_routes
 from client.traffic.recording import Conversation, Piece
 from emulator.peers.connection import PeerSocket
 from emulator.peers.file import parse_peers, read_peers
-from emulator.services.modbus import ModbusExchange
 from urproto.modbus import Frame, Function, ModbusRequest, encode_frame, encode_request, encode_response
 
 HOST, PORT = "127.87.0.1", 50123
@@ -116,9 +115,7 @@ def test_modbus() -> None:
     content = peers_of([conversation(*pieces, port=502)])
     assert content == {"modbus": {"10.0.0.9": {"coils": {16: 1}, "registers": {128: 7, 129: [1, 2]}}}}
     unit = parse_peers(content, "peers", Path()).units["10.0.0.9"]
-    answers = [ModbusExchange(), ModbusExchange()]
-    for exchange in answers:
-        unit.answer(read, exchange)
+    answers = [unit.request(read), unit.request(read)]
     assert [exchange.values for exchange in answers] == [(7, 1), (7, 2)]
 
 

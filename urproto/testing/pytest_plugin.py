@@ -296,6 +296,8 @@ class ScriptTests(pytest.File):
 class ScriptTest(pytest.Item):
     """A test in URScript; ``--ur-model`` and ``--ur-polyscope`` apply unless its settings name an arm."""
 
+    funcargs: Final[Mapping[str, Any]] = {}  # plugins such as pytest-lsp expect them of every test
+
     def __init__(self, *, test: Any, **others: Any) -> None:
         super().__init__(**others)
         self.test = test
