@@ -96,7 +96,9 @@ def plan_of(content: Any, folder: Path = Path()) -> Plan:
     files: dict[str, Any] = {
         name: folder / given.options[name] for name in ("world", "programs") if name in given.options
     }
-    kinds = KINDS if session is None else {**KINDS, "session": partial(ChangeMessage, session=session)}
+    kinds = KINDS
+    if session is not None:
+        kinds = {**KINDS, "session": partial(ChangeMessage, session=session)}
     return Plan(
         given.program or given.session,
         folder / given.program if given.program else None,
