@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, Protocol
 
 FORMAT: Final = 2
-"""Of the records; 1 did not say who has sent them."""
-READABLE: Final = (1, FORMAT)
+"""Of the records. Raise it when they change: journals of another format are refused."""
 MAGIC: Final = b"ur-emulator journal 1\n"
 _HEADER: Final = struct.Struct("!II")
 _MAX_FRAME: Final = 2**28  # bytes, of which none that was written has as many

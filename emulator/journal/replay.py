@@ -21,7 +21,7 @@ from emulator.controller import Controller
 from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.doors import ReplayedDevice, ReplayedModbus, ReplayedSockets, plain_values
-from emulator.journal.file import DAMAGE, READABLE, JournalError, MemorySink, Record, Sink, read_journal
+from emulator.journal.file import DAMAGE, FORMAT, JournalError, MemorySink, Record, Sink, read_journal
 from emulator.journal.header import product_version
 from emulator.journal.recorder import Checksums, Recorder, record
 from emulator.journal.values import JournalValueError, Numbers, decode
@@ -62,8 +62,13 @@ class Replay:
         self._records = read_journal(source)
         first = next(self._records, None)
         header = first[2] if first is not None and first[1] == "run" and len(first) > 2 else None
-        if not isinstance(header, dict) or header.get("format") not in READABLE:
+        if not isinstance(header, dict):
             raise JournalError("the journal has no beginning")
+        if (found := header.get("format")) != FORMAT:
+            raise JournalError(
+                f"the journal has format {found}, and this version of ur-emulator reads {FORMAT}: replay it with the "
+                f"version that wrote it, {header.get('product')}"
+            )
         self.header: dict[str, Any] = header
         if problem := self.header.get("problem"):
             raise JournalError(f"the run cannot be replayed: {problem}")

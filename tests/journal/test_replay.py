@@ -205,6 +205,7 @@ def with_record(*content):
     ("change", "message"),
     [
         (lambda records: records[1:], "no beginning"),
+        (begun(format=1, product="0.1"), "format 1, .* reads 2: replay it with the version that wrote it, 0.1"),
         (begun(problem="it was not made from options"), "cannot be replayed: it was not made from options"),
         (begun(options={"polyscope": "99.0"}), "cannot make the robot"),
         (begun(files={"programs": {"../../x": ""}}), "outside of its folder"),
