@@ -47,6 +47,7 @@ MEASUREMENTS: Final = (
     "fleet.measure_virtual",
     "latency.measure",
     "streaming.measure",
+    "lockstep.measure",
     "pendant.measure",
     "class_page.measure",
     "planning.measure",

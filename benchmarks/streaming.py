@@ -61,7 +61,7 @@ def measure(seconds: float = SECONDS) -> Table:
 
 def _stream(hogs: int, how: Literal["auto", "off"], seconds: float) -> list[str]:
     late = ended = setpoints = 0
-    with Robot(HOST, realtime=how) as robot, _busy(hogs):
+    with Robot(HOST, realtime=how) as robot, busy(hogs):
         robot.make_ready()
         q = robot.q
         cost_s, began_s = time.process_time(), time.monotonic()
@@ -134,7 +134,7 @@ def _sink() -> None:
 
 
 @contextmanager
-def _busy(count: int) -> Iterator[None]:
+def busy(count: int) -> Iterator[None]:
     hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield

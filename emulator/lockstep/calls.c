@@ -3,6 +3,9 @@
 
 enum { CHILDREN = 256 };
 
+static const int64_t POLLED_NS = 2 * 1000000; /* at most, from one look at a descriptor without data to the next */
+static __thread int empty = -1;               /* the descriptor that this thread has found to be without data */
+
 static int64_t receive_limit[DESCRIPTORS]; /* SO_RCVTIMEO [ns] */
 static pid_t children[CHILDREN];           /* processes that this one has started, and not waited for yet */
 
@@ -50,6 +53,11 @@ int clock_nanosleep(clockid_t clock, int flags, const struct timespec *wanted, s
     int64_t until = flags & TIMER_ABSTIME ? absolute(clock, wanted) : after(ns_of(wanted));
     if (until <= now())
         look();
+    else if (empty >= 0 && until < after(POLLED_NS)) { /* it will look again: once there is something */
+        struct pollfd polled = {.fd = empty, .events = POLLIN};
+        ready(&polled, 1, after(POLLED_NS));
+    }
+    empty = -1;
     if (sleep_until(until))
         return 0;
     if (left && !(flags & TIMER_ABSTIME))
@@ -83,6 +91,18 @@ int sched_yield(void)
 }
 
 /* ---- descriptors ---- */
+
+int ioctl(int fd, unsigned long request, ...)
+{
+    va_list arguments;
+    va_start(arguments, request);
+    void *argument = va_arg(arguments, void *);
+    va_end(arguments);
+    int result = REAL(ioctl)(fd, request, argument);
+    if (request == FIONREAD)
+        empty = S && !outside && !result && !*(int *)argument ? fd : -1;
+    return result;
+}
 
 int poll(struct pollfd *fds, nfds_t n, int timeout_ms)
 {

@@ -7,18 +7,19 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Annotated, Any, Final
 
 import typer
 
 from emulator.config import ConfigError
 from emulator.lockstep.clock import SharedClock, check_program
-from emulator.options import configure, errors_in_one_line, with_robot_options
+from emulator.options import errors_in_one_line, with_robot_options
 from urproto.commandline import application
 from urproto.testing.process import EmulatorError, EmulatorProcess, command_line
 
 _SIGNALLED: Final = 128  # what shells add to the number of the signal that ended a program
+_NICENESS: Final = -10  # with six busy processes on two cores, eight times as fast as without; more is no better
 _WITHOUT: Final = ("speed", "realtime")  # the clock decides
 
 app = application(completion=False)
@@ -45,7 +46,6 @@ def _exec(
         running.enter_context(_on_one_core())
         environment = {**os.environ, **clock.environment}
         if not without_robot:
-            configure(**robot)  # reports wrong options in one line
             given = {name: value for name, value in robot.items() if _is_given(context, name) and name != "host"}
             emulator = EmulatorProcess(
                 command_line(given), robot["host"], robot["control_token"], environment=clock.environment
@@ -53,7 +53,7 @@ def _exec(
             try:
                 running.enter_context(emulator)
             except EmulatorError as error:
-                raise ConfigError(str(error)) from error
+                raise ConfigError(str(error).rpartition("ur-emulator: ")[2].strip()) from error
         status = _run(command, environment, clock)
     raise typer.Exit(status)
 
@@ -82,12 +82,20 @@ def _run(command: Sequence[str], environment: Mapping[str, str], clock: SharedCl
 
 @contextmanager
 def _on_one_core() -> Iterator[None]:
-    """Keep what is started on one core: only one of them runs at a time, and handing over is quicker there."""
+    """Keep what is started on one core, where handing over is quick: only one of them runs at a time anyway.
+
+    Each of them waits for others thousands of times per second, and would wait for any process of a busy machine then;
+    so they go first, where that is allowed.
+    """
     if sys.platform != "linux":  # and there is no clock
         raise AssertionError
-    cores = os.sched_getaffinity(0)
+    cores, niceness = os.sched_getaffinity(0), os.getpriority(os.PRIO_PROCESS, 0)
     os.sched_setaffinity(0, {random.choice(sorted(cores))})
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, min(niceness, _NICENESS))
     try:
         yield
     finally:
         os.sched_setaffinity(0, cores)
+        with suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, niceness)
