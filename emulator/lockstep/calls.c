@@ -266,13 +266,24 @@ static bool readable(int fd, int flags)
         return REAL(name)(__VA_ARGS__);        \
     }
 
+/* And fills the buffer of a connection, if others never get the time to read from it. */
+#define SENDING(type, name, parameters, ...)   \
+    type name parameters                       \
+    {                                          \
+        if (S && !outside)                     \
+            look();                            \
+        if (S)                                 \
+            S->touched = true;                 \
+        return REAL(name)(__VA_ARGS__);        \
+    }
+
 TOUCHING(ssize_t, write, (int fd, const void *data, size_t size), fd, data, size)
 TOUCHING(ssize_t, writev, (int fd, const struct iovec *parts, int n), fd, parts, n)
-TOUCHING(ssize_t, send, (int fd, const void *data, size_t size, int flags), fd, data, size, flags)
-TOUCHING(ssize_t, sendmsg, (int fd, const struct msghdr *message, int flags), fd, message, flags)
-TOUCHING(ssize_t, sendto,
-         (int fd, const void *data, size_t size, int flags, const struct sockaddr *to, socklen_t length), fd, data,
-         size, flags, to, length)
+SENDING(ssize_t, send, (int fd, const void *data, size_t size, int flags), fd, data, size, flags)
+SENDING(ssize_t, sendmsg, (int fd, const struct msghdr *message, int flags), fd, message, flags)
+SENDING(ssize_t, sendto,
+        (int fd, const void *data, size_t size, int flags, const struct sockaddr *to, socklen_t length), fd, data,
+        size, flags, to, length)
 TOUCHING(int, connect, (int fd, const struct sockaddr *address, socklen_t length), fd, address, length)
 TOUCHING(int, shutdown, (int fd, int how), fd, how)
 

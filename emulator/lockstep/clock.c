@@ -180,8 +180,10 @@ static void set_clock(int64_t time)
 static bool due(int64_t time)
 {
     double speed = S->strays && S->speed > 1.0 ? 1.0 : S->speed; /* nobody knows when a stray goes on */
-    if (!S->released || speed > 1e9)
+    if (!S->released || speed > 1e9) {
+        S->paced_at = speed;
         return S->released || time <= HOLD_NS;
+    }
     int64_t real = real_now();
     if (speed != S->paced_at) {
         S->paced_at = speed;

@@ -52,10 +52,31 @@ def run(*command: str, options: tuple[str, ...] = ("--without-robot",)) -> "subp
             "while threading.active_count() > 1: time.sleep(0.001)",
             id="polls",
         ),
+        pytest.param(
+            10_000.4,
+            "def locked():\n"
+            "    files = [open(sys.executable) for _ in range(2)]\n"
+            "    fcntl.flock(files[0], fcntl.LOCK_SH)\n"
+            "    other = threading.Thread(target=fcntl.flock, args=(files[1], fcntl.LOCK_EX))\n"
+            "    other.start()\n"
+            "    time.sleep(0.2)\n"
+            "    files[0].close()\n"
+            "    other.join()\n"
+            "locked()\ntime.sleep(10_000)\nlocked()",
+            id="waits in an unknown way, twice",
+        ),
+        pytest.param(
+            0.05,
+            "server = socket.create_server(('127.0.0.1', 0))\n"
+            "peer = socket.create_connection(server.getsockname())\n"
+            "threading.Timer(0.05, peer.shutdown, (socket.SHUT_RDWR,)).start()\n"
+            "try:\n    while True: peer.send(b'x')\nexcept OSError: pass",
+            id="only sends",
+        ),
     ],
 )
 def test_time_passes_only_while_all_wait(program: str, seconds: float) -> None:
-    imports = "import asyncio, select, socket, subprocess, sys, threading, time"
+    imports = "import asyncio, fcntl, select, socket, subprocess, sys, threading, time"
     text = f"{imports}\nbegan = time.monotonic()\n{program}\nprint(time.monotonic() - began)"
     done = run(sys.executable, "-c", text)
     assert done.returncode == 0, done.stderr

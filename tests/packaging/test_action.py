@@ -115,3 +115,12 @@ def test_invalid_options_are_shown_immediately(runner: Runner, host: str) -> Non
     assert runner.run(model="ur99", host=host, wait="600") == 1
     assert "::error title=ur-emulator::" in runner.printed
     assert "ur99" in runner.printed
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the shared clock is a library for Linux")
+def test_a_command_runs_with_the_robot_in_time_of_their_own(runner: Runner, host: str) -> None:
+    command = f"sleep 60; ur-client state --robot-ip {host} --json"
+    assert runner.run(host=host, run=command) == 0, runner.printed
+    assert '"robot_mode": "RUNNING"' in runner.printed
+    assert Path(runner.outputs["journal"]).exists()
+    assert runner.run(host=host, run="exit 7 | true") == 7
