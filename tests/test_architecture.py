@@ -60,6 +60,7 @@ THIRD_PARTY = {
         "emulator.physics.description",
         "emulator.journal.values",
         "emulator.peers",
+        "urproto.structures",
     ),
     "mujoco": ("emulator.physics",),
     "PIL": ("emulator.physics.drawing", "client.lerobot"),
