@@ -60,6 +60,7 @@ THIRD_PARTY = {
         "emulator.physics.description",
         "emulator.journal.values",
         "emulator.peers",
+        "emulator.safety.files",
         "urproto.structures",
     ),
     "mujoco": ("emulator.physics",),

@@ -5,6 +5,7 @@ Types are those of msgspec: dataclasses, its Struct, named tuples, tuples for li
 
 import re
 from collections.abc import Callable, Iterator
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 if TYPE_CHECKING:
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 
 _STEP: Final = re.compile(r"\.(\w+)|\[([^]]*)\]")
+_PLACE: Final = re.compile(r"(.*) - at (`key` in )?`\$(.*)`", re.DOTALL)
+_MISSING: Final = re.compile("Object missing required field `(.*)`")
+_WRONG: Final = re.compile("(?:Object contains unknown field|Invalid enum value) [`'](.*)[`']")
 _TYPE: Final = re.compile("`([^`]*)`")
 _WORDS: Final = {
     "array": "a list",
@@ -28,34 +32,48 @@ _WORDS: Final = {
 def converted(
     content: Any, kind: type[_T], where: object, error: Callable[[str], Exception] = ValueError, **options: Any
 ) -> _T:
-    """``content``, of plain data, as a ``kind``. where: the file, or its part. options: those of `msgspec.convert`.
+    """``content``, of plain data, as a ``kind``. where: the file or its part, or "". options: those of `msgspec.convert`.
 
-    Raises ``error``, such as "file.yaml: at[1] must be a number, not text".
+    Raises ``error``, such as "file.yaml: at[1] must be a number, not text". Infinity and NaN are refused, too.
     """
     import msgspec  # imported here because many commands read no such file
 
+    prefix = f"{where}: " if where else ""
     try:
         found: _T = msgspec.convert(content, kind, **options)
     except msgspec.ValidationError as problem:
-        raise error(f"{where}: {_described(str(problem), kind)}") from problem
+        raise error(f"{prefix}{_described(str(problem), kind)}") from problem
+    if not _is_finite(content):
+        raise error(f"{prefix}all numbers must be finite")
     return found
 
 
+def _is_finite(content: Any) -> bool:
+    """Whether all numbers are: NaN passes the checks of bounds."""
+    if isinstance(content, dict):
+        return all(map(_is_finite, content.values()))
+    if isinstance(content, list | tuple):
+        return all(map(_is_finite, content))
+    return not isinstance(content, float) or isfinite(content)
+
+
 def _described(text: str, kind: type[Any]) -> str:
-    what, _, place = text.partition(" - at `$")
-    place = place.rstrip("`")
-    named = place.lstrip(".")
-    subject = f"{named}: " if named else ""
+    what, is_key, place = match.groups() if (match := _PLACE.fullmatch(text)) else (text, None, "")
+    subject = f"{'a name in ' if is_key else ''}{place.lstrip('.')}".strip()
     if what.startswith("Expected"):
-        what = _TYPE.sub(lambda match: " or ".join(_WORDS.get(one, one) for one in match[1].split(" | ")), what)
-        what = what.removeprefix("Expected ").replace(", got ", ", not ")
-        return f"{named or 'it'} must be {what}"
-    name = _TYPE.search(what)
-    if name is not None and "missing" in what:
-        return f"{subject}{name[1]} is missing"
-    wrong = what.removeprefix("Object contains ").replace("Invalid enum value", "invalid value").replace("`", "'")
-    allowed = ", ".join(_allowed(kind, place))
-    return f"{subject}{wrong}" + (f"; allowed are {allowed}" if allowed else "")
+        what = _TYPE.sub(_in_words, what.removeprefix("Expected ")).replace(", got ", ", not ")
+        return f"{subject or 'it'} must be {what}"
+    prefix = f"{subject}: " if subject else ""
+    if (missing := _MISSING.fullmatch(what)) is not None:
+        return f"{prefix}{missing[1]} is missing"
+    if (wrong := _WRONG.fullmatch(what)) is not None:
+        return f"{prefix}unknown {wrong[1]!r}; allowed are {', '.join(_allowed(kind, place))}"
+    return f"{prefix}{what}"
+
+
+def _in_words(types: re.Match[str]) -> str:
+    names = [name for name in types[1].split(" | ") if name != "null"] or ["null"]
+    return " or ".join(_WORDS.get(name, name) for name in names)
 
 
 def _allowed(kind: type[Any], place: str) -> Iterator[str]:

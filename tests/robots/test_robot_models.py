@@ -138,7 +138,7 @@ def test_models_are_shared_and_immutable() -> None:
         ("base_light = false", "", r"ur3.toml: base_light is missing"),
         ("[electrics]", "[electric]", r"ur3.toml: torque_constants is missing"),
         ("[[links]]  # wrist_3", "[[toes]]", r"ur3.toml: links must be a list of length 6, not 5"),
-        ('"CB3"', '"CB4"', r"ur3.toml: series: invalid value 'CB4'; allowed are CB3, e-Series"),
+        ('"CB3"', '"CB4"', r"ur3.toml: series: unknown 'CB4'; allowed are CB3, e-Series"),
     ],
 )
 def test_an_invalid_file_is_reported_with_the_entry(before: str, after: str, complaint: str) -> None:
