@@ -19,6 +19,7 @@ _MISSING: Final = re.compile("Object missing required field `(.*)`")
 _WRONG: Final = re.compile("(?:Object contains unknown field|Invalid enum value) [`'](.*)[`']")
 _TYPE: Final = re.compile("`([^`]*)`")
 _WORDS: Final = {
+    "Path": "a path",
     "array": "a list",
     "bool": "true or false",
     "float": "a number",
@@ -32,7 +33,7 @@ _WORDS: Final = {
 def converted(
     content: Any, kind: type[_T], where: object, error: Callable[[str], Exception] = ValueError, **options: Any
 ) -> _T:
-    """``content``, of plain data, as a ``kind``. where: the file or its part, or "". options: those of `msgspec.convert`.
+    """``content``, of plain data, as a ``kind``. where: the file or its part, or "". options: of `msgspec.convert`.
 
     Raises ``error``, such as "file.yaml: at[1] must be a number, not text". Infinity and NaN are refused, too.
     """
@@ -43,18 +44,21 @@ def converted(
         found: _T = msgspec.convert(content, kind, **options)
     except msgspec.ValidationError as problem:
         raise error(f"{prefix}{_described(str(problem), kind)}") from problem
-    if not _is_finite(content):
-        raise error(f"{prefix}all numbers must be finite")
+    if (place := next(_endless(content), None)) is not None:
+        raise error(f"{prefix}{place} must be a finite number")
     return found
 
 
-def _is_finite(content: Any) -> bool:
-    """Whether all numbers are: NaN passes the checks of bounds."""
+def _endless(content: Any, place: str = "") -> Iterator[str]:
+    """The places of numbers that are not finite: NaN passes the checks of bounds."""
     if isinstance(content, dict):
-        return all(map(_is_finite, content.values()))
-    if isinstance(content, list | tuple):
-        return all(map(_is_finite, content))
-    return not isinstance(content, float) or isfinite(content)
+        for name, value in content.items():
+            yield from _endless(value, f"{place}.{name}" if place else str(name))
+    elif isinstance(content, list | tuple):
+        for index, value in enumerate(content):
+            yield from _endless(value, f"{place}[{index}]")
+    elif isinstance(content, float) and not isfinite(content):
+        yield place or "it"
 
 
 def _described(text: str, kind: type[Any]) -> str:
