@@ -62,6 +62,7 @@ THIRD_PARTY = {
         "emulator.journal.values",
         "emulator.peers",
         "emulator.safety.files",
+        "client.controllers.goal_files",
         "urproto.structures",
         "urproto.worldfile",
     ),

@@ -39,14 +39,17 @@ def converted(
     """
     import msgspec  # imported here because many commands read no such file
 
-    prefix = f"{where}: " if where else ""
     try:
         found: _T = msgspec.convert(content, kind, **options)
     except msgspec.ValidationError as problem:
-        raise error(f"{prefix}{_described(str(problem), kind)}") from problem
+        raise error(_described(str(problem), kind, str(where))) from problem
     if (place := next(_endless(content), None)) is not None:
-        raise error(f"{prefix}{place} must be a finite number")
+        raise error(f"{_subject(where, place)} must be a finite number")
     return found
+
+
+def _subject(where: object, place: str) -> str:
+    return f"{where}{place}" if place.startswith("[") else ": ".join(filter(None, (str(where), place))) or "it"
 
 
 def _endless(content: Any, place: str = "") -> Iterator[str]:
@@ -58,16 +61,16 @@ def _endless(content: Any, place: str = "") -> Iterator[str]:
         for index, value in enumerate(content):
             yield from _endless(value, f"{place}[{index}]")
     elif isinstance(content, float) and not isfinite(content):
-        yield place or "it"
+        yield place
 
 
-def _described(text: str, kind: type[Any]) -> str:
+def _described(text: str, kind: type[Any], where: str) -> str:
     what, is_key, place = match.groups() if (match := _PLACE.fullmatch(text)) else (text, None, "")
-    subject = f"{'a name in ' if is_key else ''}{place.lstrip('.')}".strip()
+    subject = _subject(where, f"{'a name in ' if is_key else ''}{place.lstrip('.')}")
     if what.startswith("Expected"):
         what = _TYPE.sub(_in_words, what.removeprefix("Expected ")).replace(", got ", ", not ")
-        return f"{subject or 'it'} must be {what}"
-    prefix = f"{subject}: " if subject else ""
+        return f"{subject} must be {what}"
+    prefix = f"{subject}: " if where or place else ""
     if (missing := _MISSING.fullmatch(what)) is not None:
         return f"{prefix}{missing[1]} is missing"
     if (wrong := _WRONG.fullmatch(what)) is not None:

@@ -19,7 +19,7 @@ from dataclasses import replace
 from math import pi
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Final, Literal, TypeAlias, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar
 
 from msgspec import Meta, Struct
 from msgspec.structs import asdict
@@ -52,7 +52,7 @@ _Preset: TypeAlias = Literal["least restricted", "default", "restricted", "very 
 _Mode: TypeAlias = Literal["disabled", "normal", "reduced", "both"]
 _Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]
 _Pin: TypeAlias = Annotated[int, Meta(ge=0, lt=CHANNELS)]
-_Pins: TypeAlias = dict[str, tuple[_Pin, _Pin]]
+_Pins: TypeAlias = dict[str, Any]
 
 _STRICTER: Final = dict(zip(PRESETS, [*list(PRESETS)[1:], list(PRESETS)[-1]], strict=True))
 _ONLY_E: Final = ("elbow_speed", "elbow_force", "stopping_time", "stopping_distance")
@@ -179,9 +179,10 @@ def _pins(given: _Pins, where: str, functions: type[_Function]) -> dict[_Functio
     taken: dict[int, str] = {}
     found: dict[_Function, tuple[int, int]] = {}
     names = {function.name.lower(): function for function in functions}
-    for name, pair in given.items():
+    for name, value in given.items():
         if name not in names:
             raise SafetySettingsError(f"{where}: {unknown('function', name, names)}")
+        pair = converted(value, tuple[_Pin, _Pin], f"{where}: {name}", SafetySettingsError)
         if pair[0] == pair[1]:
             raise SafetySettingsError(f"{where}: {name} needs two different configurable pins")
         for pin in pair:

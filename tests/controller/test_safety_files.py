@@ -203,7 +203,7 @@ def test_the_checksum_follows_every_change(write):
             "tool_orientation: {direction: [0, 0, 1], deviation: 4}",
             "deviation must be a number < 3.14",
         ),
-        ("inputs: {emergency_stop: [0, 8]}", "inputs[...][1] must be a whole number <= 7"),
+        ("inputs: {emergency_stop: [0, 8]}", "inputs: emergency_stop[1] must be a whole number <= 7"),
         ("inputs: {emergency_stop: [0, 1], reduced_mode: [1, 2]}", "share pin 1"),
         ("outputs: {bell: [0, 1]}", "outputs: unknown function 'bell': choose one of system_emergency_stop"),
         ("manual_high_speed: 1", "manual_high_speed must be true or false"),

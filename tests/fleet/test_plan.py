@@ -61,8 +61,8 @@ def test_every_robot_option_is_accepted_in_a_file(tmp_path) -> None:
         ("robots: [5]", "robots[0] must be a mapping, not a whole number"),
         ("robots: [{5: 6}]", "a name in robots[0] must be text, not a whole number"),
         ("robots:\n  - model: ur3\n  speed: 1", "is not YAML"),
-        ("", "it must be a mapping, not nothing"),
-        ("[]", "it must be a mapping, not a list"),
+        ("", "fleet.yaml must be a mapping, not nothing"),
+        ("[]", "fleet.yaml must be a mapping, not a list"),
         ("robot: []", "unknown 'robot'; allowed are robots"),
     ],
 )
