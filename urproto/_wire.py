@@ -1,11 +1,38 @@
-"""Building blocks of binary messages. All numbers on the controller's ports are big-endian."""
+"""Building blocks of binary messages. All numbers on the controller's ports are big-endian.
+
+A field of a message has a type that names its form on the wire: a struct layout, ``short`` for text preceded by a
+length byte, or, up to the end of the message, ``text``, ``names`` separated by commas, or ``bytes``.
+"""
 
 import struct
-from functools import lru_cache
-from typing import Any
+from dataclasses import fields
+from functools import cache, lru_cache
+from typing import Annotated, Any, Final, TypeAlias
 
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.text import from_bytes, to_bytes
+from urproto.vectors import Vector3, Vector6
+
+Layout: TypeAlias = tuple[tuple[str, str], ...]
+"""Names of fields and their forms."""
+
+Flag: TypeAlias = Annotated[bool, "?"]
+Int8: TypeAlias = Annotated[int, "b"]
+UInt8: TypeAlias = Annotated[int, "B"]
+UInt16: TypeAlias = Annotated[int, "H"]
+Int32: TypeAlias = Annotated[int, "i"]
+UInt32: TypeAlias = Annotated[int, "I"]
+UInt64: TypeAlias = Annotated[int, "Q"]
+Float: TypeAlias = Annotated[float, "f"]
+Double: TypeAlias = Annotated[float, "d"]
+ThreeDoubles: TypeAlias = Annotated[Vector3, "3d"]
+SixDoubles: TypeAlias = Annotated[Vector6, "6d"]
+ShortText: TypeAlias = Annotated[str, "short"]
+Text: TypeAlias = Annotated[str, "text"]
+Names: TypeAlias = Annotated[tuple[str, ...], "names"]
+Rest: TypeAlias = Annotated[bytes, "bytes"]
+
+TO_THE_END: Final = ("text", "names", "bytes")
 
 MAX_SHORT_TEXT = 255  # bytes: the length of a title or name is sent in one byte
 
@@ -68,3 +95,39 @@ class Reader:
     def rest(self) -> bytes:
         """All remaining bytes."""
         return self.take(self.remaining)
+
+
+@cache
+def marked_fields(kind: Any) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    """The fields of a message that have a form on the wire: their names, and their forms with what follows these."""
+    marked = ((field.name, getattr(field.type, "__metadata__", ())) for field in fields(kind))
+    return tuple((name, marks) for name, marks in marked if marks)
+
+
+def encode_item(form: str, value: Any) -> bytes:
+    """Encode the value of a field, a single one if its form is a layout. Raises LocalProtocolError."""
+    match form:
+        case "text":
+            return to_bytes(value)
+        case "names":
+            return to_bytes(",".join(value))
+        case "bytes":
+            return bytes(value)
+        case "short":
+            return short_text(value)
+    return pack(form, value)
+
+
+def decode_item(form: str, reader: Reader) -> Any:
+    """Decode the next field. Raises RemoteProtocolError."""
+    match form:
+        case "text":
+            return from_bytes(reader.rest())
+        case "names":
+            text = from_bytes(reader.rest())
+            return tuple(text.removesuffix(",").split(",")) if text else ()  # ur_rtde appends a comma
+        case "bytes":
+            return reader.rest()
+        case "short":
+            return reader.short_text()
+    return reader.unpack(form)[0]
