@@ -5,9 +5,10 @@ length byte, or, up to the end of the message, ``text``, ``names`` separated by 
 """
 
 import struct
+from abc import ABC, abstractmethod
 from dataclasses import fields
 from functools import cache, lru_cache
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, ClassVar, Final, Generic, TypeAlias, TypeVar
 
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.text import from_bytes, to_bytes
@@ -33,6 +34,8 @@ Names: TypeAlias = Annotated[tuple[str, ...], "names"]
 Rest: TypeAlias = Annotated[bytes, "bytes"]
 
 TO_THE_END: Final = ("text", "names", "bytes")
+
+_MessageT = TypeVar("_MessageT")
 
 MAX_SHORT_TEXT = 255  # bytes: the length of a title or name is sent in one byte
 
@@ -131,3 +134,48 @@ def decode_item(form: str, reader: Reader) -> Any:
         case "short":
             return reader.short_text()
     return reader.unpack(form)[0]
+
+
+class SizedMessageDecoder(ABC, Generic[_MessageT]):
+    """Splits a stream into messages whose headers say how long they are, and decodes them.
+
+    The stream's chunks may be of any size. No more than one incomplete message is kept. error: what ended the stream.
+    """
+
+    header: ClassVar[struct.Struct]
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self.error: RemoteProtocolError | None = None
+
+    def feed(self, data: bytes) -> list[_MessageT]:
+        """Add bytes; returns the messages they complete.
+
+        An invalid header ends the stream: messages before it are still returned, and this call, or the next one if
+        there were any, raises RemoteProtocolError; ``error`` is set immediately.
+        """
+        messages: list[_MessageT] = []
+        self._buffer += data
+        try:
+            while self.error is None and len(self._buffer) >= self.header.size:
+                size = self._size(*self.header.unpack_from(self._buffer))
+                if len(self._buffer) < size:
+                    break
+                message = bytes(self._buffer[:size])
+                del self._buffer[:size]
+                messages.append(self._decode(message))
+        except RemoteProtocolError as error:
+            self.error = error
+        if self.error is not None:
+            self._buffer.clear()
+            if not messages:
+                raise self.error
+        return messages
+
+    @abstractmethod
+    def _size(self, *header: int) -> int:
+        """Bytes of the whole message with this header. Raises RemoteProtocolError if there is no such message."""
+
+    @abstractmethod
+    def _decode(self, message: bytes) -> _MessageT:
+        """Decode a message, with its header. Raises RemoteProtocolError, which ends the stream."""

@@ -22,6 +22,7 @@ from urproto._wire import (
     Reader,
     Rest,
     ShortText,
+    SizedMessageDecoder,
     UInt8,
     UInt16,
     decode_item,
@@ -76,43 +77,19 @@ class Package(NamedTuple):
         return _HEADER.pack(size, self.type) + self.payload
 
 
-class RTDEDecoder:
-    """Splits a stream into packages; its chunks may be of any size.
+class RTDEDecoder(SizedMessageDecoder[Package]):
+    """Splits a stream into packages; its chunks may be of any size. A size below 3 is impossible."""
 
-    Never buffers more than one incomplete package (64 kB).
-    """
+    header = _HEADER
 
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self.error: RemoteProtocolError | None = None
+    def _size(self, *header: int) -> int:
+        size = header[0]
+        if size < _HEADER.size:
+            raise RemoteProtocolError(f"an RTDE package cannot have size {size}, its header alone has 3 bytes")
+        return size
 
-    def feed(self, data: bytes) -> list[Package]:
-        """Add bytes; returns the packages they complete.
-
-        A size below 3 is impossible: packages before it are still returned, and this call, or the next one if there
-        were any, raises RemoteProtocolError; ``error`` is set immediately. Such a stream cannot be resumed.
-        """
-        packages: list[Package] = []
-        if self.error is None:
-            self._buffer += data
-            start, end = 0, len(self._buffer)
-            while end - start >= _HEADER.size:
-                size, kind = _HEADER.unpack_from(self._buffer, start)
-                if size < _HEADER.size:
-                    self.error = RemoteProtocolError(
-                        f"an RTDE package cannot have size {size}, its header alone has 3 bytes"
-                    )
-                    break
-                if end - start < size:
-                    break
-                packages.append(Package(kind, bytes(self._buffer[start + _HEADER.size : start + size])))
-                start += size
-            del self._buffer[:start]
-        if self.error is not None:
-            self._buffer.clear()
-            if not packages:
-                raise self.error
-        return packages
+    def _decode(self, message: bytes) -> Package:
+        return Package(message[_HEADER.size - 1], message[_HEADER.size :])
 
 
 @cache
