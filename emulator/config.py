@@ -33,7 +33,8 @@ from urproto.robots import Calibration, CalibrationError, RobotModel, calibratio
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints
 from urproto.rtde.fields import AVAILABLE as RTDE
-from urproto.text import quoted, unknown
+from urproto.structures import converted
+from urproto.text import unknown
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.worldfile import WorldFileError
@@ -307,19 +308,11 @@ def read_initial_positions(path: Path, model: RobotModel) -> Joints:
     content = read_yaml(path)
     if not isinstance(content, dict) or set(content) != set(JOINT_NAMES):
         raise ConfigError(f"{path} must give radians for each of {', '.join(JOINT_NAMES)}, and nothing else")
-    first, second, third, fourth, fifth, sixth = (
-        _angle(path, model, index, content[name]) for index, name in enumerate(JOINT_NAMES)
-    )
-    return (first, second, third, fourth, fifth, sixth)
-
-
-def _angle(path: Path, model: RobotModel, index: int, value: Any) -> float:
-    name, low, high = JOINT_NAMES[index], model.q_min[index], model.q_max[index]
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{path}: {name} must be a number of radians, not {quoted(value)}")
-    if not low <= value <= high:
-        raise ConfigError(f"{path}: {name} is {value} rad; {model.title} allows {low:.3f} to {high:.3f} rad")
-    return float(value)
+    q_rad = [converted(content[name], float, f"{path}: {name}", ConfigError) for name in JOINT_NAMES]
+    for name, angle, low, high in zip(JOINT_NAMES, q_rad, model.q_min, model.q_max, strict=True):
+        if not low <= angle <= high:
+            raise ConfigError(f"{path}: {name} is {angle:g} rad; {model.title} allows {low:.3f} to {high:.3f} rad")
+    return as_six(q_rad)
 
 
 def choose_gripper(name: str | None, object_mm: float | None) -> GripperModel | None:

@@ -35,25 +35,7 @@ from urproto.primary.state import RobotStateData
 from urproto.realtime import RealtimeDecoder
 from urproto.robotapi import URCAPS
 from urproto.robotiq import Get, encode_value
-from urproto.rtde.codec import (
-    GetVersion,
-    OutputData,
-    Package,
-    PackageType,
-    ProtocolReply,
-    Reply,
-    Request,
-    RequestProtocol,
-    RTDEDecoder,
-    SetupInputs,
-    SetupInputsReply,
-    SetupOutputs,
-    SetupOutputsReply,
-    Start,
-    StartReply,
-    VersionReply,
-    decode_reply,
-)
+from urproto.rtde import codec
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.types import IN_USE
 
@@ -140,30 +122,30 @@ class _RtdeExchange:
 
     def __init__(self, stream: _Stream) -> None:
         self._stream = stream
-        self._decoder = RTDEDecoder()
-        self._packages: deque[Package] = deque()
+        self._decoder = codec.RTDEDecoder()
+        self._packages: deque[codec.Package] = deque()
         self.texts: list[bytes] = []
         self.receives_data = False
 
-    async def request(self, request: Request, protocol: int = _PROTOCOL) -> Reply:
+    async def request(self, request: codec.Request, protocol: int = _PROTOCOL) -> codec.Reply:
         self._stream.send(request.encode(protocol))
         return await self.next()
 
-    async def reply_to(self, request: Request) -> Reply:
+    async def reply_to(self, request: codec.Request) -> codec.Reply:
         """Like ``request``, on a connection that receives data."""
         reply = await self.request(request)
-        while isinstance(reply, OutputData):
+        while isinstance(reply, codec.OutputData):
             reply = await self.next()
         return reply
 
-    async def next(self) -> Reply:
+    async def next(self) -> codec.Reply:
         """The next package other than a text message, which is never an answer."""
-        while not self._packages or self._packages[0].type == PackageType.TEXT_MESSAGE:
+        while not self._packages or self._packages[0].type == codec.PackageType.TEXT_MESSAGE:
             if self._packages:
                 self.texts.append(self._packages.popleft().payload)
             else:
                 self._packages += self._decoder.feed(await self._stream.read())
-        return decode_reply(self._packages.popleft(), _PROTOCOL)
+        return codec.decode_reply(self._packages.popleft(), _PROTOCOL)
 
     @property
     def unconfirmed(self) -> bool:
@@ -188,29 +170,29 @@ async def _rtde_stream(stream: _Stream, seconds: float) -> str:
         longest_s = max(longest_s, last_s - before_s)
     if longest_s > _SILENCE_S:
         raise NotReady(f"it fell silent for {longest_s:.1f} s while {seconds:g} s of data were received")
-    inputs = await rtde.reply_to(SetupInputs((_RTDE_INPUT,)))
-    held = isinstance(inputs, SetupInputsReply) and IN_USE in inputs.types
+    inputs = await rtde.reply_to(codec.SetupInputs((_RTDE_INPUT,)))
+    held = isinstance(inputs, codec.SetupInputsReply) and IN_USE in inputs.types
     return "steady" + (f"; another client holds the inputs of drivers ({_RTDE_INPUT}): a second one is refused" * held)
 
 
 async def _receive(rtde: _RtdeExchange) -> str:
     """Set up a connection until data arrive; returns version and state."""
-    if await rtde.request(RequestProtocol(_PROTOCOL), protocol=1) != ProtocolReply(accepted=True):
+    if await rtde.request(codec.RequestProtocol(_PROTOCOL), protocol=1) != codec.ProtocolReply(accepted=True):
         raise NotReady(f"protocol {_PROTOCOL} is refused")
-    version = await rtde.request(GetVersion())
-    if not isinstance(version, VersionReply):
+    version = await rtde.request(codec.GetVersion())
+    if not isinstance(version, codec.VersionReply):
         raise NotReady("the version was not reported")
     name = f"PolyScope {version.version}"
     if not _RTDE_VARIABLE.available.covers(version.version):
         return f"{name}, which has no variable {_RTDE_VARIABLE.name}"
-    recipe = await rtde.request(SetupOutputs((_RTDE_VARIABLE.name,), _RTDE_RATE_HZ))
-    if not isinstance(recipe, SetupOutputsReply) or not recipe.recipe_id:
+    recipe = await rtde.request(codec.SetupOutputs((_RTDE_VARIABLE.name,), _RTDE_RATE_HZ))
+    if not isinstance(recipe, codec.SetupOutputsReply) or not recipe.recipe_id:
         raise NotReady(f"a recipe of {_RTDE_VARIABLE.name} is refused: {recipe}")
-    if await rtde.request(Start()) != StartReply(accepted=True):
+    if await rtde.request(codec.Start()) != codec.StartReply(accepted=True):
         if rtde.unconfirmed:
             return f"{name}, sends no data until its safety setup is confirmed"
         raise NotReady("the recipe could not be started")
-    if not isinstance(data := await rtde.next(), OutputData):
+    if not isinstance(data := await rtde.next(), codec.OutputData):
         raise NotReady(f"expected data, received {type(data).__name__}")
     rtde.receives_data = True
     return f"{name}, sends data"

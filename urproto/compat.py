@@ -8,11 +8,11 @@ from typing import Any
 
 if sys.version_info >= (3, 11):
     from enum import IntEnum, IntFlag, StrEnum
-    from typing import Self
+    from typing import Self, dataclass_transform
 else:
     import enum
 
-    from typing_extensions import Self
+    from typing_extensions import Self, dataclass_transform
 
     class IntEnum(enum.IntEnum):
         """Members are numbers, and print as such: the old ones print their names."""
@@ -41,7 +41,7 @@ else:
             return str.__format__(self, format_spec)
 
 
-__all__ = ["IntEnum", "IntFlag", "Self", "StrEnum", "load_toml", "module_command"]
+__all__ = ["IntEnum", "IntFlag", "Self", "StrEnum", "dataclass_transform", "load_toml", "module_command"]
 
 
 def load_toml(text: str) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from urproto._wire import SizedMessageDecoder
 from urproto.compat import IntEnum
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 
@@ -95,42 +96,20 @@ def encode_frame(frame: Frame) -> bytes:
     return _HEADER.pack(frame.transaction, 0, len(frame.pdu) + 1, frame.unit) + frame.pdu
 
 
-class FrameDecoder:
-    """Splits a stream of bytes into messages."""
+class FrameDecoder(SizedMessageDecoder[Frame]):
+    """Splits a stream of bytes into messages. Bytes that are not a Modbus/TCP header end it."""
 
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self.error: RemoteProtocolError | None = None
+    header = _HEADER
 
-    def feed(self, data: bytes) -> list[Frame]:
-        """Add bytes; returns the messages they complete.
-
-        For bytes that are not a Modbus/TCP header, this call or, if there were messages before them, the next one
-        raises RemoteProtocolError; ``error`` is set immediately.
-        """
-        self._buffer += data
-        frames: list[Frame] = []
-        while self.error is None and (frame := self._take()) is not None:
-            frames.append(frame)
-        if self.error is not None:
-            self._buffer.clear()
-            if not frames:
-                raise self.error
-        return frames
-
-    def _take(self) -> Frame | None:
-        if len(self._buffer) < _HEADER.size:
-            return None
-        transaction, protocol, size, unit = _HEADER.unpack_from(self._buffer)
+    def _size(self, *header: int) -> int:
+        _, protocol, size, _ = header
         if protocol or not 2 <= size <= _MAX_PDU + 1:
-            self.error = RemoteProtocolError(f"not a Modbus/TCP header: protocol {protocol}, {size} bytes")
-            return None
-        end = _HEADER.size + size - 1
-        if len(self._buffer) < end:
-            return None
-        frame = Frame(transaction, unit, bytes(self._buffer[_HEADER.size : end]))
-        del self._buffer[:end]
-        return frame
+            raise RemoteProtocolError(f"not a Modbus/TCP header: protocol {protocol}, {size} bytes")
+        return _HEADER.size + size - 1
+
+    def _decode(self, message: bytes) -> Frame:
+        transaction, _, _, unit = _HEADER.unpack_from(message)
+        return Frame(transaction, unit, message[_HEADER.size :])
 
 
 # requests

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from urproto._wire import SizedMessageDecoder
 from urproto.errors import RemoteProtocolError
 from urproto.versions import Availability, PolyscopeVersion
 
@@ -159,41 +160,16 @@ def decode_realtime(packet: bytes) -> RealtimeState:
     return state
 
 
-class RealtimeDecoder:
+class RealtimeDecoder(SizedMessageDecoder[RealtimeState]):
     """Splits a stream into packets and decodes them."""
 
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self.error: RemoteProtocolError | None = None
+    header = _SIZE
 
-    def feed(self, data: bytes) -> list[RealtimeState]:
-        """Add bytes; returns the packets they complete.
-
-        An impossible size ends the stream: packets before it are still returned, and this call, or the next one if
-        there were any, raises RemoteProtocolError; ``error`` is set immediately.
-        """
-        states: list[RealtimeState] = []
-        self._buffer += data
-        while self.error is None and (packet := self._next()):
-            try:
-                states.append(decode_realtime(packet))
-            except RemoteProtocolError as error:
-                self.error = error
-        if self.error is not None:
-            self._buffer.clear()
-            if not states:
-                raise self.error
-        return states
-
-    def _next(self) -> bytes | None:
-        if len(self._buffer) < _SIZE.size:
-            return None
-        (size,) = _SIZE.unpack_from(self._buffer)
+    def _size(self, *header: int) -> int:
+        size = header[0]
         if not _SIZE.size < size <= _MAX_SIZE:
-            self.error = RemoteProtocolError(f"a realtime packet cannot have {size} bytes")
-            return None
-        if len(self._buffer) < size:
-            return None
-        packet = bytes(self._buffer[:size])
-        del self._buffer[:size]
-        return packet
+            raise RemoteProtocolError(f"a realtime packet cannot have {size} bytes")
+        return size
+
+    def _decode(self, message: bytes) -> RealtimeState:
+        return decode_realtime(message)

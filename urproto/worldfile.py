@@ -19,12 +19,16 @@ Settings for moving objects (``MOVING`` of an object, ``SECTIONS`` of the file) 
 `emulator.physics` reads them, and the planner treats such an object as static.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
+from msgspec import Meta, Struct
+
+from urproto.structures import converted
 from urproto.text import quoted
+from urproto.vectors import Vector3
 from urproto.yamltext import InvalidYamlError, load_yaml
 
 MATERIAL: Final = ("stiffness", "damping", "friction")
@@ -72,91 +76,52 @@ def read_world_file(path: Path, shapes: Collection[str]) -> WorldDescription:
         raise WorldFileError(f"{path}: {error}") from error
 
 
+class _File(Struct, forbid_unknown_fields=True):
+    tool: Any = None
+    links: bool = False
+    objects: dict[str | int, Any] | None = None
+    scene: Any = None
+    step: Any = None
+    mounted: Any = None
+    barriers: Any = None
+    cameras: Any = None
+
+
+class _Object(Struct):
+    plane: Annotated[dict[str, Any], Meta(max_length=0)] | None = None
+    box: Vector3 = (0.0, 0.0, 0.0)
+    sphere: float = 0.0
+    cylinder: tuple[float, float] = (0.0, 0.0)
+    mesh: Annotated[str, Meta(min_length=1)] = ""
+    pose: tuple[float, ...] = (0.0, 0.0, 0.0)
+    stiffness: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+
+
 def _world(content: Any, shapes: Collection[str]) -> WorldDescription:
-    top = _fields("the file", {} if content is None else content, ("tool", "links", "objects", *SECTIONS))
-    links = top.get("links", False)
-    if not isinstance(links, bool):
-        raise ValueError(f"links must be true or false, not {quoted(links)}")
-    tool = read_description("tool", top["tool"], shapes, tool=True) if "tool" in top else None
-    objects = top.get("objects") or {}
-    if not isinstance(objects, dict):
-        raise ValueError(f"objects must be a mapping of names, not {quoted(objects)}")
-    described = {str(name): read_description(str(name), given, shapes) for name, given in objects.items()}
-    return WorldDescription(described, tool, links, {key: top[key] for key in SECTIONS if key in top})
+    top = converted({} if content is None else content, _File, "")
+    tool = None if top.tool is None else read_description("tool", top.tool, shapes, tool=True)
+    objects = {str(name): read_description(str(name), given, shapes) for name, given in (top.objects or {}).items()}
+    return WorldDescription(objects, tool, top.links, {key: content[key] for key in SECTIONS if key in (content or ())})
 
 
 def read_description(name: str, given: Any, shapes: Collection[str], *, tool: bool = False) -> ObjectDescription:
     """Parse the description of one object; a tool has no material. Raises ValueError."""
-    fields = _fields(name, given, (*shapes, "pose", *(() if tool else (*MATERIAL, *MOVING))))
-    moving: dict[str, Any] = {key: fields.pop(key) for key in MOVING if key in fields}
-    chosen = [key for key in fields if key in shapes]
-    if len(chosen) != 1:
-        raise ValueError(f"{name} must have exactly one of {', '.join(shapes)}")
-    try:
-        shape = chosen[0]
-        sizes = _SIZES[shape](fields.pop(shape))
-        pose = _numbers("pose", fields.pop("pose", [0, 0, 0]))
-        if len(pose) not in (3, 6):
-            raise ValueError(f"pose must be x, y, z or x, y, z, rx, ry, rz, not {quoted(list(pose))}")
-        x, y, z, rx, ry, rz = (*pose, 0.0, 0.0, 0.0)[:6]
-        material = {key: _number(key, value) for key, value in fields.items()}
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
-    mesh, numbers = (sizes, ()) if isinstance(sizes, str) else ("", sizes)
-    return ObjectDescription(shape, numbers, (x, y, z, rx, ry, rz), material, mesh, moving)
-
-
-def _fields(name: str, given: Any, known: Collection[str]) -> dict[str, Any]:
+    known = (*shapes, "pose", *(() if tool else (*MATERIAL, *MOVING)))
     if not isinstance(given, dict):
         raise ValueError(f"{name} must be a mapping of {', '.join(known)}, not {quoted(given)}")
-    unknown = [key for key in given if key not in known]
-    if unknown:
-        raise ValueError(f"{name} has {quoted(unknown[0])}; allowed are {', '.join(known)}")
-    return dict(given)
-
-
-def _plane(given: Any) -> tuple[float, ...]:
-    if given not in (None, {}):
-        raise ValueError(f"a plane only has a pose: write plane: {{}}, not {quoted(given)}")
-    return ()
-
-
-def _box(given: Any) -> tuple[float, ...]:
-    size = _numbers("box", given)
-    if len(size) != 3:
-        raise ValueError(f"box must be three lengths [m], not {quoted(list(size))}")
-    return size
-
-
-def _cylinder(given: Any) -> tuple[float, ...]:
-    sizes = _numbers("cylinder", given)
-    if len(sizes) != 2:
-        raise ValueError(f"cylinder must be a radius and a length [m], not {quoted(list(sizes))}")
-    return sizes
-
-
-def _mesh(given: Any) -> str:
-    if not isinstance(given, str) or not given:
-        raise ValueError(f"mesh must be the name of a file, not {quoted(given)}")
-    return given
-
-
-_SIZES: Final[Mapping[str, Callable[[Any], tuple[float, ...] | str]]] = {
-    "plane": _plane,
-    "box": _box,
-    "sphere": lambda given: (_number("sphere", given),),
-    "cylinder": _cylinder,
-    "mesh": _mesh,
-}
-
-
-def _numbers(name: str, given: Any) -> tuple[float, ...]:
-    if not isinstance(given, list):
-        raise ValueError(f"{name} must be a list of numbers, not {quoted(given)}")
-    return tuple(_number(name, value) for value in given)
-
-
-def _number(name: str, given: Any) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float):
-        raise ValueError(f"{name} must be a number, not {quoted(given)}")
-    return float(given)
+    if wrong := [key for key in given if key not in known]:
+        raise ValueError(f"{name} has {quoted(wrong[0])}; allowed are {', '.join(known)}")
+    chosen = [key for key in given if key in shapes]
+    if len(chosen) != 1:
+        raise ValueError(f"{name} must have exactly one of {', '.join(shapes)}")
+    moving = {key: given[key] for key in MOVING if key in given}
+    found = converted({key: value for key, value in given.items() if key not in MOVING}, _Object, name)
+    if len(found.pose) not in (3, 6):
+        raise ValueError(f"{name}: pose must be x, y, z or x, y, z, rx, ry, rz, not {quoted(list(found.pose))}")
+    x, y, z, rx, ry, rz = (*found.pose, 0.0, 0.0, 0.0)[:6]
+    size = getattr(found, chosen[0])
+    sizes = size if isinstance(size, tuple) else (size,) if isinstance(size, float) else ()
+    material = {key: getattr(found, key) for key in MATERIAL if key in given}
+    return ObjectDescription(chosen[0], sizes, (x, y, z, rx, ry, rz), material, found.mesh, moving)

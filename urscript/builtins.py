@@ -20,7 +20,7 @@ when the return annotation says so.
 """
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Annotated, Any, Literal, NoReturn, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
@@ -138,14 +138,18 @@ class Builtin:
 class Library:
     """The built-ins of one chapter, in the order of their declaration."""
 
-    def __init__(self, chapter: str, *, host: bool = False, physical: bool = False) -> None:
+    def __init__(
+        self, chapter: str, *, host: bool = False, physical: bool = False, faults: tuple[type[Exception], ...] = ()
+    ) -> None:
         """host: the first parameter of every function is the program's host, which is hidden from scripts.
 
-        physical: numbers are physical quantities, so infinite and excessively large ones stop the program.
+        physical: numbers are physical quantities, so infinite and excessively large ones stop the program. faults:
+        errors by which functions refuse their arguments; they stop the program with their text.
         """
         self.chapter = chapter
         self.host = host
         self.physical = physical
+        self.faults = faults
         self.builtins: dict[str, Builtin] = {}
 
     def builtin(
@@ -172,7 +176,7 @@ class Library:
         def declare(function: FunctionT) -> FunctionT:
             availability = Availability.since(cb3, e, x)
             described = _describe(self, function, availability, status, note, aliases or {}, takes_scope=takes_scope)
-            self._add(replace(described, work=work))
+            self._add(replace(described, work=work, function=self._refusing(function)))
             return function
 
         return declare
@@ -202,6 +206,25 @@ class Library:
                 doc="",
             )
         )
+
+    def _refusing(self, function: AnyFunction) -> AnyFunction:
+        """The function with ``faults`` as runtime faults."""
+        if not self.faults:
+            return function
+
+        def call(*arguments: Any) -> Any:
+            try:
+                return function(*arguments)
+            except self.faults as error:
+                raise RuntimeFault(str(error)) from error
+
+        def steps(*arguments: Any) -> Generator[Any, Any, Any]:
+            try:
+                return (yield from function(*arguments))
+            except self.faults as error:
+                raise RuntimeFault(str(error)) from error
+
+        return steps if inspect.isgeneratorfunction(function) else call
 
     def _add(self, builtin: Builtin) -> None:
         if builtin.name in self.builtins:

@@ -13,27 +13,43 @@ publisher_joint_trajectory_controller:
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
+
+from msgspec import Meta, Struct
+from msgspec.structs import asdict
 
 from client.controllers.configuration import sections, text_of
 from client.controllers.goals import JointTrajectoryPoint
 from client.errors import ControllerError
-from urproto.text import quoted
-from urproto.vectors import is_number
+from urproto.structures import converted
 
 GOAL_TIME_S: Final = 4.0
 """Duration that the ROS publishers give each goal [s]."""
 
-_WAIT_S: Final = 6.0  # default of the ROS publishers
-_FIELDS: Final = ("positions", "velocities", "accelerations", "effort")
-_KNOWN: Final = (
-    "controller_name", "publish_topic", "wait_sec_between_publish", "goal_names", "joints", "check_starting_point",
-    "starting_point_limits", "use_sim_time",
-)  # fmt: skip
 _TURN: Final = 2 * math.pi  # a joint without given limits may be anywhere within one turn
+
+
+class _Node(Struct):
+    """A section of the file; it also has a goal for each of goal_names."""
+
+    goal_names: Annotated[list[str], Meta(min_length=1)]
+    controller_name: str = ""
+    publish_topic: str = ""
+    wait_sec_between_publish: Annotated[float, Meta(ge=0.0)] = 6.0  # default of the ROS publishers
+    joints: tuple[str, ...] = ()
+    check_starting_point: bool = False
+    starting_point_limits: dict[str, Any] = {}
+
+
+class _Goal(Struct, forbid_unknown_fields=True):
+    positions: tuple[float, ...] = ()
+    velocities: tuple[float, ...] = ()
+    accelerations: tuple[float, ...] = ()
+    effort: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,82 +109,38 @@ def read_goals(path: Path, node: str | None = None) -> GoalFile:
     if node is None or node not in found:
         names = ", ".join(found) or "none"
         raise ControllerError(str(path), f"name one of its sections with goal_names ({names}), not {node or 'none'}")
-    return _Section(node, found[node]).read()
+    return _goal_file(node, found[node])
 
 
-class _Section:
-    def __init__(self, node: str, given: Mapping[str, Any]) -> None:
-        self._node = node
-        self._given = given
+def _goal_file(node: str, given: Mapping[str, Any]) -> GoalFile:
+    error = partial(ControllerError, node)
+    read = converted(given, _Node, "", error)
+    goals = tuple(FileGoal(name, _point(node, name, given.get(name), len(read.joints))) for name in read.goal_names)
+    topic, _, channel = read.publish_topic.strip("/").rpartition("/")
+    controller = read.controller_name.strip("/") or topic
+    if not controller:
+        raise error("it has neither a controller_name nor a publish_topic such as /controller/commands")
+    strange = [key for key in given if key not in (*_Node.__struct_fields__, "use_sim_time", *read.goal_names)]
+    notes = tuple(f"{node}: {key} is unknown, or not listed in goal_names, and is ignored" for key in strange)
+    limits: dict[str, tuple[float, float]] = {}
+    if read.check_starting_point:
+        limits = dict.fromkeys(read.joints, (-_TURN, _TURN))
+        for joint, pair in read.starting_point_limits.items():
+            where = f"starting_point_limits.{joint}"
+            low, high = limits[joint] = converted(pair, tuple[float, float], where, error)
+            if low > high:
+                raise error(f"{where} must be the lowest and the highest angle, not {low:g} and {high:g}")
+    commands = channel == "commands"  # forward controllers take plain commands, on such a topic
+    return GoalFile(node, controller, commands, read.joints, goals, read.wait_sec_between_publish, limits, notes)
 
-    def read(self) -> GoalFile:
-        joints = tuple(self._texts("joints")) if "joints" in self._given else ()
-        names = self._texts("goal_names")
-        if not names:
-            raise self._error("goal_names is empty")
-        goals = tuple(FileGoal(name, self._point(name, len(joints))) for name in names)
-        controller, commands = self._target()
-        strange = [key for key in self._given if key not in (*_KNOWN, *names)]
-        notes = tuple(f"{self._node}: {key} is unknown, or not listed in goal_names, and is ignored" for key in strange)
-        wait_s = self._number("wait_sec_between_publish", _WAIT_S)
-        return GoalFile(self._node, controller, commands, joints, goals, wait_s, self._limits(joints), notes)
 
-    def _target(self) -> tuple[str, bool]:
-        """The controller, and whether it takes plain commands, which a topic ~/commands shows."""
-        topic = str(self._given.get("publish_topic", "")).strip("/")
-        name, _, channel = topic.rpartition("/")
-        if "controller_name" in self._given:
-            return str(self._given["controller_name"]).strip("/"), channel == "commands"
-        if not name:
-            raise self._error("it has neither a controller_name nor a publish_topic such as /controller/commands")
-        return name, channel == "commands"
-
-    def _point(self, name: str, count: int) -> JointTrajectoryPoint:
-        given = self._given.get(name)
-        if isinstance(given, list):  # the older form
-            given = {"positions": given}
-        if not isinstance(given, Mapping) or not set(given) & set(_FIELDS):
-            raise self._error(f"the goal {name} has none of {', '.join(_FIELDS)}")
-        if unknown := sorted(set(given) - set(_FIELDS)):
-            raise self._error(f"the goal {name} has an unknown field {unknown[0]}: use {', '.join(_FIELDS)}")
-        values = {key: self._numbers(f"{name}.{key}", given.get(key, ())) for key in _FIELDS}
-        for key, numbers in values.items():
-            if numbers and count and len(numbers) != count:
-                raise self._error(f"{name}.{key} has {len(numbers)} numbers for {count} joints")
-        return JointTrajectoryPoint(**values, time_from_start_s=GOAL_TIME_S)
-
-    def _limits(self, joints: Sequence[str]) -> dict[str, tuple[float, float]]:
-        if self._given.get("check_starting_point", False) is not True:
-            return {}
-        given = self._given.get("starting_point_limits", {})
-        if not isinstance(given, Mapping):
-            raise self._error("starting_point_limits must have a pair of numbers for each joint")
-        limits = dict.fromkeys(joints, (-_TURN, _TURN))
-        for joint, pair in given.items():
-            numbers = self._numbers(f"starting_point_limits.{joint}", pair)
-            if len(numbers) != 2 or numbers[0] > numbers[1]:
-                raise self._error(
-                    f"starting_point_limits.{joint} must be the lowest and the highest angle, not {quoted(pair)}"
-                )
-            limits[joint] = (numbers[0], numbers[1])
-        return limits
-
-    def _texts(self, key: str) -> list[str]:
-        value = self._given.get(key)
-        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            raise self._error(f"{key} must be a list of names, not {quoted(value)}")
-        return value
-
-    def _numbers(self, key: str, value: Any) -> tuple[float, ...]:
-        if not isinstance(value, list | tuple) or not all(is_number(item) for item in value):
-            raise self._error(f"{key} must be a list of numbers, not {quoted(value)}")
-        return tuple(float(item) for item in value)
-
-    def _number(self, key: str, default: float) -> float:
-        value = self._given.get(key, default)
-        if not is_number(value) or value < 0:
-            raise self._error(f"{key} must be a number of seconds, not {quoted(value)}")
-        return float(value)
-
-    def _error(self, reason: str) -> ControllerError:
-        return ControllerError(self._node, reason)
+def _point(node: str, name: str, given: Any, count: int) -> JointTrajectoryPoint:
+    given = {"positions": given} if isinstance(given, list) else given or {}  # a list is the older form
+    read = converted(given, _Goal, f"the goal {name}", partial(ControllerError, node))
+    fields = asdict(read)
+    for key, numbers in fields.items():
+        if numbers and count and len(numbers) != count:
+            raise ControllerError(node, f"{name}.{key} has {len(numbers)} numbers for {count} joints")
+    if not any(fields.values()):
+        raise ControllerError(node, f"the goal {name} has none of {', '.join(fields)}")
+    return JointTrajectoryPoint(**fields, time_from_start_s=GOAL_TIME_S)

@@ -2,7 +2,7 @@
 
 import math
 
-from emulator.builtins.geometry import within_range
+from emulator.builtins.geometry import OUT_OF_RANGE
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.io.encoders import DecoderType, Encoder
 from emulator.motion.superposition import Source
@@ -13,7 +13,7 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num, PoseOrJoints, Str
 
-LIBRARY = Library("conveyor", host=True, physical=True)
+LIBRARY = Library("conveyor", host=True, physical=True, faults=OUT_OF_RANGE)
 
 # vendor's conveyor tracking guide: encoder_* and the second encoder came with these versions
 _CB3, _E = "3.8", "5.2"
@@ -47,23 +47,20 @@ def encoder_enable_set_tick_count(host: ProgramHost, encoder_index: Int, range_i
 
     `range_id`: 0 signed 32 bits; 1, 2, 3, 4 unsigned 8, 16, 24, 32 bits. Counts wrap around at the end of that range.
     """
-    with within_range():
-        host.machine.encoders.expect_counts(encoder_index, range_id)
+    host.machine.encoders.expect_counts(encoder_index, range_id)
 
 
 @LIBRARY.builtin(cb3=_CB3, e=_E)
 def encoder_set_tick_count(host: ProgramHost, encoder_index: Int, count: Num) -> None:
     """Set the count of an encoder that the program reads itself; the first count is the encoder's start."""
-    with within_range():
-        host.machine.encoders[encoder_index].feed(_whole("encoder_set_tick_count", count))
+    host.machine.encoders[encoder_index].feed(_whole("encoder_set_tick_count", count))
 
 
 @LIBRARY.builtin()
 def set_conveyor_tick_count(host: ProgramHost, tick_count: Num, absolute_encoder_resolution: Int = 0) -> None:
     """Old name of encoder_enable_set_tick_count() and encoder_set_tick_count() for encoder 0."""
-    with within_range():
-        host.machine.encoders.expect_counts(0, absolute_encoder_resolution)
-        host.machine.encoders[0].feed(_whole("set_conveyor_tick_count", tick_count))
+    host.machine.encoders.expect_counts(0, absolute_encoder_resolution)
+    host.machine.encoders[0].feed(_whole("set_conveyor_tick_count", tick_count))
 
 
 @LIBRARY.builtin(cb3=_CB3, e=_E, note="filtered counts of an encoder fed by the program wrap around its own range")
@@ -146,13 +143,11 @@ def _decode(host: ProgramHost, name: str, index: int, decoder_type: int, a: int,
     second = a if b is None or decoder is not DecoderType.QUADRATURE else b
     if decoder is not DecoderType.DISABLED and not {a, second} <= set(pins):
         raise RuntimeFault(f"{name}: A and B must be digital inputs {', '.join(map(str, pins))}, not {a} and {second}")
-    with within_range():
-        host.machine.encoders.decode(index, decoder, a, second)
+    host.machine.encoders.decode(index, decoder, a, second)
 
 
 def _encoder(host: ProgramHost, index: int) -> Encoder:
-    with within_range():
-        return host.machine.encoders[index]
+    return host.machine.encoders[index]
 
 
 def _checked(host: ProgramHost, name: str, ticks: float, encoder_index: int) -> Encoder:
@@ -164,8 +159,7 @@ def _checked(host: ProgramHost, name: str, ticks: float, encoder_index: int) -> 
 def _track(host: ProgramHost, name: str, conveyor: Source) -> None:
     if host.secondary:
         raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
-    with within_range():
-        host.motion.superposition.track(conveyor)
+    host.motion.superposition.track(conveyor)
 
 
 def _whole(name: str, count: float) -> int:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Final
 
 from emulator.builtins.host import ProgramHost
 from emulator.robot.worldmodel import ArmPose
@@ -10,6 +11,9 @@ from urproto.robots.pose import pose_inv, pose_trans
 from urproto.vectors import ZERO6, Vector3, Vector6, as_six
 from urscript.errors import RuntimeFault
 from urscript.values import Pose, is_number
+
+OUT_OF_RANGE: Final = (IndexError, OverflowError, ValueError)
+"""What signals, registers and the like raise for numbers and names that they do not have."""
 
 _NO_TCP = ZERO6
 
@@ -29,10 +33,10 @@ def numbers(values: Sequence[float], count: int, what: str) -> Sequence[float]:
 
 @contextmanager
 def within_range() -> Iterator[None]:
-    """Turn the errors that signals, registers and the like raise into runtime faults."""
+    """Turn these errors into runtime faults."""
     try:
         yield
-    except (IndexError, OverflowError, ValueError) as error:
+    except OUT_OF_RANGE as error:
         raise RuntimeFault(str(error)) from error
 
 

@@ -1,30 +1,27 @@
 """Digital and analog signals of the control box and the tool."""
 
-from emulator.builtins.geometry import within_range
+from emulator.builtins.geometry import OUT_OF_RANGE
 from emulator.builtins.host import ProgramHost
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num
 
-LIBRARY = Library("io", host=True, physical=True)
+LIBRARY = Library("io", host=True, physical=True, faults=OUT_OF_RANGE)
 
 _OLD_TOOL = 8  # get_digital_in(8) and (9) read the tool's inputs: numbering from before configurable signals existed
 
 
 def _read_input(host: ProgramHost, group: DigitalGroup, n: int) -> bool:
-    with within_range():
-        return host.machine.signals.get_digital_input(group, n)
+    return host.machine.signals.get_digital_input(group, n)
 
 
 def _read_output(host: ProgramHost, group: DigitalGroup, n: int) -> bool:
-    with within_range():
-        return host.machine.signals.get_digital_output(group, n)
+    return host.machine.signals.get_digital_output(group, n)
 
 
 def _write_output(host: ProgramHost, group: DigitalGroup, n: int, level: bool) -> None:
-    with within_range():
-        host.machine.signals.set_digital_output(group, n, level)
+    host.machine.signals.set_digital_output(group, n, level)
 
 
 def _old(n: int) -> tuple[DigitalGroup, int]:
@@ -137,8 +134,7 @@ def get_analog_out(host: ProgramHost, n: Int) -> float:
 @LIBRARY.builtin()
 def set_standard_analog_out(host: ProgramHost, n: Int, f: Num) -> None:
     """Set analog output 0 or 1 to a ratio of its range; clipped to 0 to 1."""
-    with within_range():
-        host.machine.signals.set_analog_output(n, f)
+    host.machine.signals.set_analog_output(n, f)
 
 
 @LIBRARY.builtin(note="deprecated")
@@ -150,8 +146,7 @@ def set_analog_out(host: ProgramHost, n: Int, f: Num) -> None:
 @LIBRARY.builtin()
 def set_tool_voltage(host: ProgramHost, voltage: Int) -> None:
     """Set the supply voltage of the tool: 0, 12 or 24 [V]."""
-    with within_range():
-        host.machine.signals.set_tool_voltage(voltage)
+    host.machine.signals.set_tool_voltage(voltage)
 
 
 def _analog(n: int, what: str) -> int:

@@ -1,6 +1,6 @@
 """Configuration of signals. PolyScope writes these calls at the start of every program."""
 
-from emulator.builtins.geometry import within_range
+from emulator.builtins.geometry import OUT_OF_RANGE
 from emulator.builtins.host import ProgramHost
 from emulator.devices.tool_line import SerialSettings
 from emulator.services.outputs import OutputAction, output_action
@@ -10,7 +10,7 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, ListArg, Num, Str
 
-LIBRARY = Library("ioconfiguration", host=True)
+LIBRARY = Library("ioconfiguration", host=True, faults=OUT_OF_RANGE)
 
 # Script Manual, set_analog_inputrange: 0-5 V counts as 0-10 V; the bipolar ranges of old control boxes are gone
 _BOX_RANGES = {0: AnalogDomain.VOLTAGE, 2: AnalogDomain.VOLTAGE}
@@ -113,8 +113,7 @@ def set_tool_digital_input_action(host: ProgramHost, port: Int, action: Str) -> 
 def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> None:
     """Set what a boolean input register does while no program runs: "default" (nothing) or "freedrive"."""
     actions = host.machine.freedrive_inputs
-    with within_range():
-        host.machine.registers.input.get_bit(port)
+    host.machine.registers.input.get_bit(port)
     if wants_freedrive(action):
         actions.watch_register(port)
     else:
@@ -153,30 +152,26 @@ def set_runstate_tool_digital_output_to_value(host: ProgramHost, outputId: Int, 
 @LIBRARY.builtin(cb3="3.3", e="5.0", work=90)
 def set_runstate_gp_boolean_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Set how a boolean output register follows the run state; `state` as for the standard outputs."""
-    with within_range():
-        host.programs.outputs.set_register(outputId, _action(host, state))
+    host.programs.outputs.set_register(outputId, _action(host, state))
 
 
 # Script Manual CB3 3.15.4; that 3.15.0 has the two is a guess. The e-Series manuals 5.11 and 5.12 do not list them.
 @LIBRARY.builtin(cb3="3.15", e=None, work=90)
 def set_runstate_gp_integer_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Set how integer output register 0 to 47 follows the run state: low is 0, high is 1; `state` as above."""
-    with within_range():
-        host.programs.outputs.set_int_register(outputId, _action(host, state))
+    host.programs.outputs.set_int_register(outputId, _action(host, state))
 
 
 @LIBRARY.builtin(cb3="3.15", e=None, work=90)
 def set_runstate_gp_float_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Set how float output register 0 to 47 follows the run state: low is 0.0, high is 1.0; `state` as above."""
-    with within_range():
-        host.programs.outputs.set_float_register(outputId, _action(host, state))
+    host.programs.outputs.set_float_register(outputId, _action(host, state))
 
 
 @LIBRARY.builtin(work=90)
 def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
     """Set how analog output 0 or 1 follows the run state: low is its minimum, high its maximum; `state` as above."""
-    with within_range():
-        host.programs.outputs.set_analog(outputId, _action(host, state))
+    host.programs.outputs.set_analog(outputId, _action(host, state))
 
 
 @LIBRARY.builtin(status="partial", note=_OLD_NOTE, work=200)
@@ -205,8 +200,7 @@ def _runstate_list(host: ProgramHost, group: DigitalGroup, outputs: list[int]) -
 
 
 def _runstate(host: ProgramHost, group: DigitalGroup, index: int, state: int) -> None:
-    with within_range():
-        host.programs.outputs.set_digital(group, index, _action(host, state, power=group is not TOOL))
+    host.programs.outputs.set_digital(group, index, _action(host, state, power=group is not TOOL))
 
 
 def _action(host: ProgramHost, state: int, *, power: bool = True) -> OutputAction:
@@ -215,12 +209,11 @@ def _action(host: ProgramHost, state: int, *, power: bool = True) -> OutputActio
 
 def _input_action(host: ProgramHost, group: DigitalGroup, port: int, action: str) -> None:
     actions = host.machine.freedrive_inputs
-    with within_range():
-        group.bit(port)
-        if wants_freedrive(action):
-            actions.watch_digital(group, port)
-        else:
-            actions.remove(group.name, port)
+    group.bit(port)
+    if wants_freedrive(action):
+        actions.watch_digital(group, port)
+    else:
+        actions.remove(group.name, port)
 
 
 def wants_freedrive(action: str) -> bool:

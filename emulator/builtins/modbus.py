@@ -7,7 +7,7 @@ affects only programs that use its signals.
 from collections.abc import Sequence
 from typing import Any, Final
 
-from emulator.builtins.geometry import within_range
+from emulator.builtins.geometry import OUT_OF_RANGE
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.builtins.ioconfig import wants_freedrive
 from emulator.fieldbus import modbus_map
@@ -16,7 +16,7 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Any_, Bool, Int, ListArg, Num, Str
 
-LIBRARY = Library("modbus", host=True)
+LIBRARY = Library("modbus", host=True, faults=OUT_OF_RANGE)
 
 _ADDED_TYPES: Final = tuple(type_ for type_ in SIGNAL_TYPES if type_ != 23)
 _MAX_COMMAND: Final = 252  # bytes behind the function code: Modbus Application Protocol
@@ -41,15 +41,14 @@ def modbus_add_signal(
     """
     if signal_type not in _ADDED_TYPES:
         raise RuntimeFault(f"modbus_add_signal: signal_type must be one of {_ADDED_TYPES}, not {signal_type}")
-    with within_range():
-        host.programs.modbus.add(
-            ModbusUnit(IP, slave_number),
-            signal_type,
-            signal_address,
-            register_count,
-            signal_name,
-            sequential=sequential_mode,
-        )
+    host.programs.modbus.add(
+        ModbusUnit(IP, slave_number),
+        signal_type,
+        signal_address,
+        register_count,
+        signal_name,
+        sequential=sequential_mode,
+    )
 
 
 @LIBRARY.builtin(cb3=None, e="5.10", work=130)
@@ -65,14 +64,13 @@ def modbus_add_rw_signal(
     sequential_mode: Bool = False,
 ) -> None:
     """Add a signal that reads registers and, once it has been set, writes others in the same request."""
-    with within_range():
-        host.programs.modbus.add_read_write(
-            ModbusUnit(IP, slave_number),
-            (read_address, read_register_count),
-            (write_address, write_register_count),
-            signal_name,
-            sequential=sequential_mode,
-        )
+    host.programs.modbus.add_read_write(
+        ModbusUnit(IP, slave_number),
+        (read_address, read_register_count),
+        (write_address, write_register_count),
+        signal_name,
+        sequential=sequential_mode,
+    )
 
 
 @LIBRARY.builtin()
@@ -90,13 +88,12 @@ def modbus_get_signal_status(host: ProgramHost, signal_name: Str, is_secondary_p
     allows, the program ends with an error.
     """
     signals = host.programs.modbus
-    with within_range():
-        signal = signals.get(signal_name)
-        if signal.frequency_hz <= 0:
-            signals.request_update(signal_name)
-            while not host.secondary and signals.pending(signal):
-                yield
-        return _value(signals.readable(signal_name))
+    signal = signals.get(signal_name)
+    if signal.frequency_hz <= 0:
+        signals.request_update(signal_name)
+        while not host.secondary and signals.pending(signal):
+            yield
+    return _value(signals.readable(signal_name))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -108,8 +105,7 @@ def modbus_get_error(host: ProgramHost, signal_name: Str, error_source: Int = 0)
     """
     if error_source not in (0, 1, 2):
         raise RuntimeFault(f"modbus_get_error: error_source must be 0, 1 or 2, not {error_source}")
-    with within_range():
-        signal = host.programs.modbus.get(signal_name)
+    signal = host.programs.modbus.get(signal_name)
     if error_source == 1:
         return signal.device_error
     if error_source == 2:
@@ -120,8 +116,7 @@ def modbus_get_error(host: ProgramHost, signal_name: Str, error_source: Int = 0)
 @LIBRARY.builtin(cb3=None, e="5.10")
 def modbus_get_time_since_signal_invalid(host: ProgramHost, signal_name: Str) -> float:
     """Time since the last successful request of a signal in error [s]; 0 for a signal without error."""
-    with within_range():
-        return host.programs.modbus.invalid_s(host.programs.modbus.get(signal_name))
+    return host.programs.modbus.invalid_s(host.programs.modbus.get(signal_name))
 
 
 @LIBRARY.builtin(work=60)
@@ -133,15 +128,13 @@ def modbus_send_custom_command(
         raise RuntimeFault(f"modbus_send_custom_command: function_code must be 1 to 127, not {function_code}")
     if len(data) > _MAX_COMMAND or not all(type(byte) is int and 0 <= byte <= 255 for byte in data):
         raise RuntimeFault(f"modbus_send_custom_command: data must be at most {_MAX_COMMAND} bytes, 0 to 255")
-    with within_range():
-        host.programs.modbus.send_command(ModbusUnit(IP, slave_number), function_code, bytes(data))
+    host.programs.modbus.send_command(ModbusUnit(IP, slave_number), function_code, bytes(data))
 
 
 @LIBRARY.builtin()
 def modbus_set_digital_input_action(host: ProgramHost, signal_name: Str, action: Str) -> None:
     """Set what a digital input does while no program runs: "default" (nothing) or "freedrive"."""
-    with within_range():
-        signal = host.programs.modbus.get(signal_name)
+    signal = host.programs.modbus.get(signal_name)
     if signal.output or not signal.kind.bits:
         raise RuntimeFault(f'"{signal_name}" is a {signal.kind.title}, not a digital input')
     actions = host.machine.freedrive_inputs
@@ -156,8 +149,7 @@ def modbus_set_output_register(
     host: ProgramHost, signal_name: Str, register_value: Any_, is_secondary_program: Bool = False
 ) -> None:
     """Set a register output: a word, 0 to 65535, or a list of them; registers beyond a short list keep their values."""
-    with within_range():
-        host.programs.modbus.set(signal_name, _numbers(register_value), bits=False)
+    host.programs.modbus.set(signal_name, _numbers(register_value), bits=False)
 
 
 @LIBRARY.builtin()
@@ -168,29 +160,25 @@ def modbus_set_output_signal(
     values = digital_value if isinstance(digital_value, list) else [digital_value]
     if not all(type(value) is bool for value in values):
         raise RuntimeFault("modbus_set_output_signal: digital_value must be a bool or a list of bools")
-    with within_range():
-        host.programs.modbus.set(signal_name, [int(value) for value in values], bits=True)
+    host.programs.modbus.set(signal_name, [int(value) for value in values], bits=True)
 
 
 @LIBRARY.builtin()
 def modbus_set_signal_update_frequency(host: ProgramHost, signal_name: Str, update_frequency: Int) -> None:
     """Set how often a signal polls its device [Hz], up to 500; 0 and -1: only when a program reads or sets it."""
-    with within_range():
-        host.programs.modbus.set_frequency(signal_name, update_frequency)
+    host.programs.modbus.set_frequency(signal_name, update_frequency)
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def modbus_request_update_signal_value(host: ProgramHost, signal_name: Str) -> None:
     """Poll a signal's device now, whatever its frequency."""
-    with within_range():
-        host.programs.modbus.request_update(signal_name)
+    host.programs.modbus.request_update(signal_name)
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def modbus_set_signal_watchdog(host: ProgramHost, signal_name: Str, new_timeout_in_sec: Num) -> None:
     """Set how long a signal may be in error before its use ends the program: 0 to 300 [s], 2 by default."""
-    with within_range():
-        host.programs.modbus.set_watchdog(signal_name, new_timeout_in_sec)
+    host.programs.modbus.set_watchdog(signal_name, new_timeout_in_sec)
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -210,8 +198,7 @@ def modbus_set_runstate_dependent_choice(host: ProgramHost, signal_name: Str, ru
     low otherwise; on e-Series also 4 low when a program ends with an error or a protective stop,
     5 the same, and high from a program's start.
     """
-    with within_range():
-        host.programs.modbus.set_runstate_choice(signal_name, runstate_choice)
+    host.programs.modbus.set_runstate_choice(signal_name, runstate_choice)
 
 
 # the robot's own server
@@ -220,23 +207,20 @@ def modbus_set_runstate_dependent_choice(host: ProgramHost, signal_name: Str, ru
 @LIBRARY.builtin()
 def read_port_bit(host: ProgramHost, address: Int) -> bool:
     """Read a coil of the robot's Modbus server."""
-    with within_range():
-        return bool(modbus_map.read_coil(host.machine, address))
+    return bool(modbus_map.read_coil(host.machine, address))
 
 
 @LIBRARY.builtin(work=60)
 def read_port_register(host: ProgramHost, address: Int) -> int:
     """Read a register of the robot's Modbus server, signed: -32768 to 32767. 128 to 255 are free for any use."""
-    with within_range():
-        word = modbus_map.read_register(host.machine, address)
+    word = modbus_map.read_register(host.machine, address)
     return word - 0x10000 if word & 0x8000 else word
 
 
 @LIBRARY.builtin()
 def write_port_bit(host: ProgramHost, address: Int, value: Bool) -> None:
     """Set a coil of the robot's Modbus server."""
-    with within_range():
-        modbus_map.write_coil(host.machine, address, value)
+    modbus_map.write_coil(host.machine, address, value)
 
 
 @LIBRARY.builtin()
@@ -244,8 +228,7 @@ def write_port_register(host: ProgramHost, address: Int, value: Num) -> None:
     """Set a register of the robot's Modbus server: -32768 to 65535; fractions are truncated."""
     if not -0x8000 <= value <= 0xFFFF:
         raise RuntimeFault(f"write_port_register: {value} does not fit a register: -32768 to 65535")
-    with within_range():
-        modbus_map.write_register(host.machine, address, int(value) & 0xFFFF)
+    modbus_map.write_register(host.machine, address, int(value) & 0xFFFF)
 
 
 def _value(signal: ModbusSignal) -> bool | int | list[int]:

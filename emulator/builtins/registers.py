@@ -2,7 +2,7 @@
 
 from typing import Final, cast
 
-from emulator.builtins.geometry import within_range
+from emulator.builtins.geometry import OUT_OF_RANGE
 from emulator.builtins.host import ProgramHost
 from emulator.services.watchdog import WatchdogAction
 from urproto.rtde.fields import INPUT_FIELDS
@@ -10,7 +10,7 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import Bool, Int, Num, Str
 
-LIBRARY = Library("registers", host=True)
+LIBRARY = Library("registers", host=True, faults=OUT_OF_RANGE)
 
 _ACTIONS: Final = ("ignore", "pause", "stop")
 
@@ -18,64 +18,55 @@ _ACTIONS: Final = ("ignore", "pause", "stop")
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def read_input_boolean_register(host: ProgramHost, address: Int) -> bool:
     """Boolean input register 0 to 127."""
-    with within_range():
-        return host.machine.registers.input.get_bit(address)
+    return host.machine.registers.input.get_bit(address)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def read_input_integer_register(host: ProgramHost, address: Int) -> int:
     """Integer input register 0 to 47."""
-    with within_range():
-        return host.machine.registers.input.get_int(address)
+    return host.machine.registers.input.get_int(address)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def read_input_float_register(host: ProgramHost, address: Int) -> float:
     """Float input register 0 to 47."""
-    with within_range():
-        return host.machine.registers.input.get_double(address)
+    return host.machine.registers.input.get_double(address)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def read_output_boolean_register(host: ProgramHost, address: Int) -> bool:
     """Boolean output register 0 to 127."""
-    with within_range():
-        return host.machine.registers.output.get_bit(address)
+    return host.machine.registers.output.get_bit(address)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def read_output_integer_register(host: ProgramHost, address: Int) -> int:
     """Integer output register 0 to 47."""
-    with within_range():
-        return host.machine.registers.output.get_int(address)
+    return host.machine.registers.output.get_int(address)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def read_output_float_register(host: ProgramHost, address: Int) -> float:
     """Float output register 0 to 47."""
-    with within_range():
-        return host.machine.registers.output.get_double(address)
+    return host.machine.registers.output.get_double(address)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def write_output_boolean_register(host: ProgramHost, address: Int, value: Bool) -> None:
     """Set boolean output register 0 to 127."""
-    with within_range():
-        host.machine.registers.output.set_bit(address, value)
+    host.machine.registers.output.set_bit(address, value)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def write_output_integer_register(host: ProgramHost, address: Int, value: Int) -> None:
     """Set integer output register 0 to 47."""
-    with within_range():
-        host.machine.registers.output.set_int(address, value)
+    host.machine.registers.output.set_int(address, value)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def write_output_float_register(host: ProgramHost, address: Int, value: Num) -> None:
     """Set float output register 0 to 47."""
-    with within_range():
-        host.machine.registers.output.set_double(address, value)
+    host.machine.registers.output.set_double(address, value)
 
 
 @LIBRARY.builtin()

@@ -1,6 +1,6 @@
 """The world model: named frames for poses, which move with the arm or with each other."""
 
-from emulator.builtins.geometry import arm_pose, numbers, three, within_range
+from emulator.builtins.geometry import OUT_OF_RANGE, arm_pose, numbers, three
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.builtins.setup import checked_inertia, checked_mass, use_payload
 from emulator.motion.tracking import FrameTracking
@@ -10,7 +10,7 @@ from urscript.builtins import Library
 from urscript.errors import RuntimeFault
 from urscript.values import ListArg, Num, Pose, PoseArg, Str
 
-LIBRARY = Library("worldmodel", host=True, physical=True)
+LIBRARY = Library("worldmodel", host=True, physical=True, faults=OUT_OF_RANGE)
 
 _STOP_RAD_S2 = 20.0  # the default of stop_conveyor_tracking (guess)
 
@@ -22,8 +22,7 @@ def _world(host: ProgramHost) -> WorldModel:
 @LIBRARY.builtin(cb3=None, e="5.10")
 def add_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
     """Add a frame at `pose`, given in the frame `ref_name`. It is fixed in the world until attach_frame()."""
-    with within_range():
-        _world(host).add(name, as_six(numbers(pose, 6, "add_frame: pose")), ref_name, arm_pose(host))
+    _world(host).add(name, as_six(numbers(pose, 6, "add_frame: pose")), ref_name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -32,44 +31,38 @@ def attach_frame(host: ProgramHost, child: Str, parent: Str) -> None:
 
     `child` cannot be "world", "flange", "tcp", or a frame that `parent` moves along with.
     """
-    with within_range():
-        _world(host).attach(child, parent, arm_pose(host))
+    _world(host).attach(child, parent, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def delete_frame(host: ProgramHost, name: Str) -> None:
     """Delete a frame. Frames attached to it stay where they are, attached to the world."""
-    with within_range():
-        _world(host).delete(name, arm_pose(host))
+    _world(host).delete(name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10", work=200)
 def delete_all_frames(host: ProgramHost) -> None:
     """Delete every frame but "world", "base", "flange" and "tcp", as delete_frame() would."""
-    with within_range():
-        _world(host).delete_all(arm_pose(host))
+    _world(host).delete_all(arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def move_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
     """Move a frame to `pose`, given in the frame `ref_name`. Frames attached to it move along."""
-    with within_range():
-        _world(host).move(name, as_six(numbers(pose, 6, "move_frame: pose")), ref_name, arm_pose(host))
+    _world(host).move(name, as_six(numbers(pose, 6, "move_frame: pose")), ref_name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def get_pose(host: ProgramHost, name: Str, rel_name: Str, ref_name: Str | None = None) -> Pose:
     """Pose of the frame `name` relative to `rel_name`, in coordinates of `ref_name` (default: `rel_name`)."""
-    with within_range():
-        return Pose(_world(host).pose(name, rel_name, rel_name if ref_name is None else ref_name, arm_pose(host)))
+    return Pose(_world(host).pose(name, rel_name, rel_name if ref_name is None else ref_name, arm_pose(host)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def convert_pose(host: ProgramHost, pose: PoseArg, from_frame: Str, to_frame: Str) -> Pose:
     """Convert a pose given in `from_frame` to the coordinates of `to_frame`."""
-    with within_range():
-        given = as_six(numbers(pose, 6, "convert_pose: pose"))
-        return Pose(_world(host).convert(given, from_frame, to_frame, arm_pose(host)))
+    given = as_six(numbers(pose, 6, "convert_pose: pose"))
+    return Pose(_world(host).convert(given, from_frame, to_frame, arm_pose(host)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -87,15 +80,13 @@ def is_frame(host: ProgramHost, name: Str) -> bool:
 @LIBRARY.builtin(cb3=None, e="5.10")
 def get_frame_parent(host: ProgramHost, name: Str) -> str:
     """Name of the frame that `name` is attached to."""
-    with within_range():
-        return _world(host).parent(name)
+    return _world(host).parent(name)
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def get_children(host: ProgramHost, name: Str) -> list[str]:
     """Names of the frames attached directly to `name`."""
-    with within_range():
-        return _world(host).children(name)
+    return _world(host).children(name)
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
@@ -107,15 +98,13 @@ def set_mass_properties(host: ProgramHost, frame: Str, m: Num, cog: ListArg, ine
     """
     name = "set_mass_properties"
     properties = MassProperties(checked_mass(m), three(cog, f"{name}: cog"), checked_inertia(inertia, name))
-    with within_range():
-        _world(host).set_mass(frame, properties)
+    _world(host).set_mass(frame, properties)
 
 
 @LIBRARY.builtin(cb3=None, e="5.20", work=300)
 def set_payload_from_attached_frames(host: ProgramHost) -> None:
     """Set the payload to the masses of all frames attached, directly or indirectly, to TCP or flange."""
-    with within_range():
-        use_payload(host, _world(host).payload(arm_pose(host)))
+    use_payload(host, _world(host).payload(arm_pose(host)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
@@ -128,8 +117,7 @@ def frame_tracking_enable(host: ProgramHost, frame_name: Str) -> None:
     if host.secondary:
         raise RuntimeFault("frame_tracking_enable: a secondary program cannot control the robot")
     world = _world(host)
-    with within_range():
-        host.motion.superposition.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
+    host.motion.superposition.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")

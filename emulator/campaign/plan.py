@@ -26,6 +26,7 @@ from emulator.config import ConfigError, read_yaml
 from emulator.script_options import parsed
 from emulator.script_run import check
 from urproto.compat import StrEnum
+from urproto.structures import converted
 
 Options: TypeAlias = dict[str, Any]
 _LIMIT_S: Final = 600.0  # guess: a program that takes longer is waiting for something
@@ -141,10 +142,7 @@ class Plan(msgspec.Struct, frozen=True):
 
 def read_plan(path: Path) -> Plan:
     """Read a campaign file. Raises ConfigError, also for an invalid option of any axis."""
-    try:
-        file = msgspec.convert(read_yaml(path), _File)
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {error}") from error
+    file = converted(read_yaml(path), _File, path, ConfigError)
     if (file.script is None) == (file.pytest is None):
         raise ConfigError(f"{path}: give either 'script' or 'pytest'")
     kind = Kind.PYTEST if file.script is None else Kind.SCRIPT
@@ -164,12 +162,8 @@ def read_plan(path: Path) -> Plan:
 def _values(path: Path, name: str, values: Any) -> Numbers | list[Any]:
     if isinstance(values, list):
         return values
-    try:
-        return msgspec.convert(values, Numbers)
-    except msgspec.ValidationError as error:
-        raise ConfigError(
-            f"{path}: {name}: write a list of values, or {{from: 0, count: 100}} for numbers ({error})"
-        ) from error
+    where = f"{path}: {name}: write a list of values, or {{from: 0, count: 100}} for numbers"
+    return converted(values, Numbers, where, ConfigError)
 
 
 def _check_names(path: Path, plan: Plan) -> None:

@@ -19,25 +19,9 @@ from emulator.control.control import LiveControl, is_waiting
 from emulator.control.metrics import CONTENT_TYPE
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import Verb, verbs_of
+from emulator.servers import http
 from emulator.servers.admission import Reason
 from emulator.servers.connection import Connection
-from emulator.servers.http import (
-    BAD,
-    CONFLICT,
-    FAILED,
-    JSON,
-    NOT_FOUND,
-    OK,
-    UNAUTHORIZED,
-    Guesses,
-    HttpConnection,
-    HttpError,
-    Request,
-    Response,
-    as_json,
-    check_host,
-    check_type,
-)
 from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
 from urproto.backdoors import BackdoorMark
@@ -54,12 +38,12 @@ _WELCOME: Final = {"name": "ur-emulator control API", "documentation": "/openapi
 
 @cache
 def _openapi() -> bytes:
-    return as_json(openapi(_VERBS, distribution_version("ur-emulator")))
+    return http.as_json(openapi(_VERBS, distribution_version("ur-emulator")))
 
 
 @cache
 def _listing() -> bytes:
-    return as_json(listing(_VERBS))
+    return http.as_json(listing(_VERBS))
 
 
 _PAGES: Final[Mapping[str, Callable[[], bytes]]] = {"/openapi.json": _openapi, "/verbs": _listing, _METRICS: bytes}
@@ -84,7 +68,7 @@ class ControlServer(PortServer):
         self.control = control
         self.metrics = metrics
         self.token = token
-        self.guesses = Guesses()
+        self.guesses = http.Guesses()
         self.unfinished: dict[_ControlConnection, None] = {}  # connections whose verb is not finished, in order
         self._mark: BackdoorMark | None = None
 
@@ -108,7 +92,7 @@ class ControlServer(PortServer):
             connection.resume()
 
 
-class _ControlConnection(HttpConnection):
+class _ControlConnection(http.HttpConnection):
     server: ControlServer
 
     def __init__(self, server: ControlServer) -> None:
@@ -131,34 +115,34 @@ class _ControlConnection(HttpConnection):
             if response is not None:
                 self.reply(response)
 
-    def admit(self, request: Request) -> None:
-        check_host(request, also=lambda _: bool(self.server.token))
+    def admit(self, request: http.Request) -> None:
+        http.check_host(request, also=lambda _: bool(self.server.token))
 
     def methods(self, path: str) -> Collection[str]:
         if path in _OPEN or path in _PAGES:
             return ("GET",)
         if not path.startswith(_CALLS):
-            raise HttpError(NOT_FOUND, f"nothing is served at {path[:100]}: see /openapi.json")
+            raise http.HttpError(http.NOT_FOUND, f"nothing is served at {path[:100]}: see /openapi.json")
         return ("POST",)
 
-    def answer(self, request: Request) -> Response | None:
+    def answer(self, request: http.Request) -> http.Response | None:
         path = request.path
         if path in _OPEN:
-            return Response(OK, _WELCOME)
+            return http.Response(http.OK, _WELCOME)
         if self.server.token and not self._authorized(request.headers.get("authorization", "")):
             return None
         if path == _METRICS:
-            return Response(OK, self.server.metrics(), {"Content-Type": CONTENT_TYPE})
+            return http.Response(http.OK, self.server.metrics(), {"Content-Type": CONTENT_TYPE})
         if path in _PAGES:
-            return Response(OK, _PAGES[path]())
+            return http.Response(http.OK, _PAGES[path]())
         return self._outcome_of(lambda: self._call(path.removeprefix(_CALLS), request))
 
     def _authorized(self, given: str) -> bool:
         """Whether a request has the token; a wrong one is answered later. Raises HttpError if there is none."""
         if hmac.compare_digest(to_bytes(given), to_bytes(f"Bearer {self.server.token}")):
             return True
-        refusal = HttpError(
-            UNAUTHORIZED,
+        refusal = http.HttpError(
+            http.UNAUTHORIZED,
             "the token is missing or wrong: send the header Authorization: Bearer <token>",
             {"WWW-Authenticate": "Bearer"},
         )
@@ -170,7 +154,7 @@ class _ControlConnection(HttpConnection):
         self._refusing = later(delay_s, lambda: self.reply(self.refuse(refusal)))
         return False
 
-    def _outcome_of(self, work: Callable[[], Any]) -> Response | None:
+    def _outcome_of(self, work: Callable[[], Any]) -> http.Response | None:
         """Return the response to the result or error of the work; None if it takes more time: its steps are kept."""
         status, content = self._result_of(work)
         if is_waiting(content):
@@ -179,27 +163,27 @@ class _ControlConnection(HttpConnection):
             return None
         self._steps = None
         self.server.unfinished.pop(self, None)
-        return Response(status, content)
+        return http.Response(status, content)
 
     def _result_of(self, work: Callable[[], Any]) -> tuple[int, Any]:
         """Return the status and the content of the answer. Raises HttpError."""
         try:
-            return OK, work()
-        except HttpError:
+            return http.OK, work()
+        except http.HttpError:
             raise
         except BadArguments as error:
-            return BAD, {"error": str(error)}
+            return http.BAD, {"error": str(error)}
         except NotPossible as error:
-            return CONFLICT, {"error": str(error)}
+            return http.CONFLICT, {"error": str(error)}
         except Exception as error:
             if self.server.reported.is_new(error):
                 _logger.exception("a verb failed")
-            return FAILED, {"error": f"the verb failed because of a bug in the emulator: {error}"}
+            return http.FAILED, {"error": f"the verb failed because of a bug in the emulator: {error}"}
 
-    def _call(self, name: str, request: Request) -> Any:
+    def _call(self, name: str, request: http.Request) -> Any:
         if name not in _VERBS:
-            raise HttpError(NOT_FOUND, f"there is no verb {name!r}: see /verbs")
-        check_type(request, JSON)
+            raise http.HttpError(http.NOT_FOUND, f"there is no verb {name!r}: see /verbs")
+        http.check_type(request, http.JSON)
         control = self.server.control
         control.client = self.peer
         try:

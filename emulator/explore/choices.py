@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Final, Protocol, TypeAlias
 
-import msgspec
-
 from emulator.control.control import Control
 from emulator.control.verbs import Verb, verbs_of
 from emulator.explore.disturbances import PeerDisturbance, address_of
+from urproto.structures import converted
 from urproto.text import number, unknown
 
 _RANGE: Final = re.compile(r"\s*(-?[0-9.]+(?:e-?[0-9]+)?)\s*\.\.\s*(-?[0-9.]+(?:e-?[0-9]+)?)\s*")
@@ -178,10 +177,7 @@ class CallVerb(Kind):
     def _check(self) -> None:
         """Raises PlanError for wrong names and for values of wrong types."""
         example = {name: domain.draw(Random(0)) for name, domain in self.parameters.items()}
-        try:
-            msgspec.convert(example, self._verb.parameters)
-        except msgspec.ValidationError as error:
-            raise PlanError(f"{self._verb.name}: {error}") from error
+        converted(example, self._verb.parameters, self._verb.name, PlanError)
 
     def apply(self, target: Target, values: Values, period: int) -> None:
         self._verb.call(target.robot, values)

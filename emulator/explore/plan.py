@@ -27,6 +27,7 @@ from emulator.explore.choices import KINDS, Choice, PlanError, parse_choice
 from emulator.explore.properties import Property, parse_property
 from emulator.explore.session import ChangeMessage, Session
 from urproto.robots import load_model
+from urproto.structures import converted
 
 _MAX_RUN_S = 3600.0
 _USUAL_S = 20.0
@@ -76,10 +77,7 @@ def read_plan(path: Path) -> Plan:
 
 def plan_of(content: Any, folder: Path = Path()) -> Plan:
     """The plan that data describes. folder: to which its files are relative. Raises PlanError."""
-    try:
-        given = msgspec.convert(content, _File)
-    except msgspec.ValidationError as error:
-        raise PlanError(str(error)) from error
+    given = converted(content, _File, "", PlanError)
     if not given.program and not given.session:
         raise PlanError("an exploration needs a program or a session")
     if given.session and (given.model or given.options):

@@ -27,6 +27,7 @@ from emulator.journal.values import Numbers, decode
 from emulator.virtual import VirtualRobot
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
+from urproto.structures import converted
 
 _MOST_SHOWN: Final = 60  # characters of a message
 _NOT_SENT: Final = {"file", "reboot", "tool"}  # records of what no client has sent: another run may have it otherwise
@@ -103,10 +104,7 @@ class ChangeMessage(Kind):
     """
 
     def __init__(self, entry: Mapping[str, Any], session: Session) -> None:
-        try:
-            given = msgspec.convert(entry, _Entry)
-        except msgspec.ValidationError as error:
-            raise PlanError(f"session: {error}") from error
+        given = converted(entry, _Entry, "session", PlanError)
         by = domain_of(f"{given.by}..{given.by}" if isinstance(given.by, int) else given.by or "0..0")
         if not isinstance(by, Span) or not by.whole or (given.session == "moved") is (given.by is None):
             raise PlanError("session: a message is moved by LOW..HIGH control periods; no other has by")

@@ -65,7 +65,6 @@ class FeedbackFault(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class LaggingJoint(FeedbackFault):
     """A joint is measured where it was ``delay_s`` ago, plus an offset ``offset_rad``."""
 
@@ -83,7 +82,6 @@ class LaggingJoint(FeedbackFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class FrozenFeedback(FeedbackFault):
     """A joint is measured where it was when the fault began, with a speed of 0."""
 
@@ -93,7 +91,6 @@ class FrozenFeedback(FeedbackFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class EncoderJump(FeedbackFault):
     """The encoder of a joint jumps by ``by_rad``, and keeps that error."""
 
@@ -104,7 +101,6 @@ class EncoderJump(FeedbackFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class JointFault(Fault):
     """A joint reports a fault or a violation; so does the safety system, repeatedly while the arm has power.
 
@@ -136,7 +132,6 @@ class JointFault(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class LostBrake(Fault):
     """The brake of a joint does not hold: without power the arm sags, as far as friction permits (dynamic arm)."""
 

@@ -27,6 +27,7 @@ from msgspec import Meta
 
 from emulator.controller import Controller
 from emulator.servers.port import Port
+from urproto.compat import dataclass_transform
 from urproto.modes import JointMode, RobotMode, RuntimeState, ToolMode
 
 _ROUNDING: Final = 1e-6  # of a control period; 0.008 / 0.002 must be 4 periods, not 5
@@ -201,11 +202,13 @@ class Strikes:
 
 
 KINDS: Final[dict[str, type[Fault]]] = {}
-_Kind = TypeVar("_Kind", bound=type[Fault])
+_Kind = TypeVar("_Kind", bound=Fault)
 
 
-def register(kind: _Kind) -> _Kind:
-    """Register a class as a kind of fault, named after it: DropConnection is ``drop_connection``."""
-    kind.kind = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
-    KINDS[kind.kind] = kind
-    return kind
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+def register(kind: type[_Kind]) -> type[_Kind]:
+    """Make a class a kind of fault, named after it: DropConnection is ``drop_connection``. Its fields are arguments."""
+    made = dataclass(frozen=True, kw_only=True)(kind)
+    made.kind = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+    KINDS[made.kind] = made
+    return made

@@ -138,7 +138,6 @@ class LineFault(ClientFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class Stall(LineFault):
     """The cable is unplugged: nothing passes and no connection ends; when the fault ends, what waited arrives."""
 
@@ -168,7 +167,6 @@ class Stall(LineFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class Delay(LineFault):
     """Bytes arrive ``delay_s`` late, plus a random delay of up to ``jitter_s``, in whole control periods."""
 
@@ -186,7 +184,6 @@ class Delay(LineFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class LimitBandwidth(LineFault):
     """The line carries at most ``bytes_per_s`` for each client."""
 
@@ -204,7 +201,6 @@ class LimitBandwidth(LineFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class Split(LineFault):
     """A package arrives in two parts, split at a random place, one control period apart."""
 
@@ -222,7 +218,6 @@ class Split(LineFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class Coalesce(LineFault):
     """All packages of a time ``wait_s`` arrive together."""
 
@@ -237,7 +232,6 @@ class Coalesce(LineFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class Duplicate(LineFault):
     """A package arrives twice."""
 
@@ -248,7 +242,6 @@ class Duplicate(LineFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class Garble(LineFault):
     """Bits flip: each byte of a package is wrong with probability ``rate``, and at least one byte is."""
 
@@ -264,7 +257,6 @@ class Garble(LineFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class Truncate(LineFault):
     """The last bytes of a package are lost; the next bytes follow in their place."""
 

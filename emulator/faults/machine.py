@@ -31,7 +31,6 @@ def _rate(site: Site) -> Rate:
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class LateTicks(Fault):
     """Control periods begin ``by_s`` late, one in 1000 by default. In real time only.
 
@@ -56,7 +55,6 @@ class LateTicks(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class ClockDrift(Fault):
     """The controller's clock is fast by the fraction ``share``, or slow if that is negative. In real time only."""
 
@@ -76,7 +74,6 @@ class ClockDrift(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class UnconfirmedSafetySetup(Fault):
     """The safety setup is not confirmed, as at the first start of a controller.
 
@@ -139,7 +136,6 @@ class Outage(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class RestartController(Outage):
     """The controller's software restarts: connections are closed, and no port listens for ``outage_s``."""
 
@@ -151,7 +147,6 @@ class RestartController(Outage):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class PowerLoss(Outage):
     """Mains power fails while the fault lasts: the arm is off, ports and connections fall silent without being closed.
 

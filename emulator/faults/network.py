@@ -68,7 +68,6 @@ class ClientFault(PortFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class DropConnection(ClientFault):
     """Connections are closed, by a reset (RST) or in the regular way (FIN); once by default."""
 
@@ -86,7 +85,6 @@ class DropConnection(ClientFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class RefuseConnections(ListenerFault):
     """The port does not listen: the system refuses new clients. Existing connections stay."""
 
@@ -103,7 +101,6 @@ class RefuseConnections(ListenerFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class TurnAway(ClientFault):
     """New connections are accepted and reset immediately."""
 
@@ -124,7 +121,6 @@ class TurnAway(ClientFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class HalfOpen(ClientFault):
     """New connections are accepted, but nothing is sent or read on them; they are reset when the fault ends."""
 
@@ -158,7 +154,6 @@ def _reset(connections: set[Connection]) -> None:
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class KickSlowReaders(ClientFault):
     """Clients that read too slowly are reset: when more than ``buffer_bytes`` wait for them for ``patience_s``.
 
@@ -190,7 +185,6 @@ class KickSlowReaders(ClientFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class RestartPort(ListenerFault):
     """The server of a port crashes: its connections are reset, and the port does not listen for ``outage_s``."""
 

@@ -1,6 +1,5 @@
 """Faults of programs."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from msgspec import Meta
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class ProgramNeverStarts(Fault):
     """Programs are accepted but do not start; the last one starts when the fault ends."""
 
@@ -32,7 +30,6 @@ class ProgramNeverStarts(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class ProgramStuck(Fault):
     """The program is playing but makes no progress; a movement that has begun is completed."""
 
@@ -50,7 +47,6 @@ class ProgramStuck(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class RuntimeException(Fault):
     """The program ends with a runtime exception when it is about to execute ``line``, once by default.
 

@@ -47,13 +47,11 @@ class DataFault(ClientFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class PauseRtde(DataFault):
     """RTDE sends no data packages, but answers every request."""
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class SkipRtde(DataFault):
     """Single RTDE data packages are omitted."""
 
@@ -61,7 +59,6 @@ class SkipRtde(DataFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class StaleData(Fault):
     """A state port keeps publishing the state at the beginning of the fault; its timestamp ``runs`` or ``stands``."""
 
@@ -97,7 +94,6 @@ class VariableFault(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class RtdeFieldNotFound(VariableFault):
     """RTDE recipes with this variable are answered with NOT_FOUND, as by a controller that is too old for it."""
 
@@ -113,7 +109,6 @@ class RtdeFieldNotFound(VariableFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class RtdeInputInUse(VariableFault):
     """RTDE input recipes with this variable are answered with IN_USE, as if another client used it."""
 
@@ -131,7 +126,6 @@ class RtdeInputInUse(VariableFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class OldRtdeProtocol(Fault):
     """RTDE supports protocol 1 only, and refuses requests for protocol 2."""
 

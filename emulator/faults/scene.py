@@ -37,7 +37,6 @@ class PartFault(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class MissingPart(PartFault):
     """A part is missing, and a gripper that held it holds nothing.
 
@@ -56,7 +55,6 @@ class MissingPart(PartFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class SlipperyPart(PartFault):
     """A part has this coefficient of ``friction`` with all it touches, also fingers; suction cups still hold it."""
 
@@ -69,7 +67,6 @@ class SlipperyPart(PartFault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class JammedConveyor(Fault):
     """A conveyor stands still, whatever the state of its output, and its encoder does not count."""
 
@@ -88,7 +85,6 @@ class JammedConveyor(Fault):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
 class CoveredCamera(Fault):
     """A camera's lens is covered: its images are black, and its distances 0."""
 

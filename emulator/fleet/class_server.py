@@ -23,25 +23,8 @@ import msgspec
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.fleet.class_robot import ClassRobot
 from emulator.fleet.supervisor import join_or_kill
+from emulator.servers import http
 from emulator.servers.connection import Connection
-from emulator.servers.http import (
-    BAD,
-    FORBIDDEN,
-    JSON,
-    NOT_FOUND,
-    OK,
-    UNAUTHORIZED,
-    UNAVAILABLE,
-    Guesses,
-    HttpConnection,
-    HttpError,
-    Request,
-    Response,
-    check_host,
-    check_site,
-    check_type,
-    is_local,
-)
 from emulator.servers.port import Port
 from urproto.backdoors import BackdoorMark
 from urproto.compat import Self
@@ -87,7 +70,7 @@ class ClassServer(Port):
         self.robots = robots
         self.passwords = passwords
         self.sessions = {secrets.token_urlsafe(): role for role in passwords}
-        self.guesses = Guesses()
+        self.guesses = http.Guesses()
         self._running = running
         self._threads = ThreadPoolExecutor(_THREADS, "class page")
         self._tasks: set[asyncio.Task[None]] = set()
@@ -131,7 +114,7 @@ class ClassServer(Port):
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def command(self, action: str, robots: Sequence[ClassRobot]) -> Response:
+    async def command(self, action: str, robots: Sequence[ClassRobot]) -> http.Response:
         """Stop or reset robots; the answer names those that could not be."""
         work = [robot.stop if action == "stop" else robot.reset for robot in robots]
         results = await asyncio.gather(*map(self._in_thread, work), return_exceptions=True)
@@ -141,31 +124,31 @@ class ClassServer(Port):
                 failed[robot.name] = str(result)
             elif result is not None:
                 raise result
-        return Response(OK, {"failed": failed})
+        return http.Response(http.OK, {"failed": failed})
 
-    async def open_pendant(self, robot: ClassRobot) -> Response:
+    async def open_pendant(self, robot: ClassRobot) -> http.Response:
         """Send the browser to the pendant of a robot."""
         try:
             address = await robot.open_pendant(self._running)
         except TimeoutError:
             late = {"error": f"the pendant of {robot.name} is still starting: this page asks again"}
-            return Response(UNAVAILABLE, late, {"Refresh": "2"})
+            return http.Response(http.UNAVAILABLE, late, {"Refresh": "2"})
         except (RuntimeError, OSError) as error:
-            return Response(UNAVAILABLE, {"error": f"the pendant of {robot.name} does not start: {error}"})
-        return Response(_SEE_OTHER, b"", {"Location": address})
+            return http.Response(http.UNAVAILABLE, {"error": f"the pendant of {robot.name} does not start: {error}"})
+        return http.Response(_SEE_OTHER, b"", {"Location": address})
 
     async def _in_thread(self, work: Callable[[], None]) -> None:
         await asyncio.get_running_loop().run_in_executor(self._threads, work)
 
 
-class _ClassConnection(HttpConnection):
+class _ClassConnection(http.HttpConnection):
     server: ClassServer
     max_body = 64 * 1024
 
-    def admit(self, request: Request) -> None:
-        check_host(request, also=is_local)
+    def admit(self, request: http.Request) -> None:
+        http.check_host(request, also=http.is_local)
         if request.path in (_LOGIN, _ROBOTS):
-            check_site(request)
+            http.check_site(request)
 
     def methods(self, path: str) -> Collection[str]:
         if path in _FILES:
@@ -175,65 +158,65 @@ class _ClassConnection(HttpConnection):
         if path.startswith(_LINK):
             self._numbered(path.removeprefix(_LINK))
             return ("GET",)
-        raise HttpError(NOT_FOUND, f"nothing is served at {path[:100]}: the class page is at /")
+        raise http.HttpError(http.NOT_FOUND, f"nothing is served at {path[:100]}: the class page is at /")
 
-    def answer(self, request: Request) -> Response | None:
+    def answer(self, request: http.Request) -> http.Response | None:
         path = request.path
         if path in _FILES:
             name, kind = _FILES[path]
             headers = {"Content-Type": kind, "Content-Security-Policy": _POLICY}
-            return Response(OK, (_STATIC / name).read_bytes(), headers)
+            return http.Response(http.OK, (_STATIC / name).read_bytes(), headers)
         if path == _LOGIN:
             return self._log_in(request)
         role = self._role(request)
         if path.startswith(_LINK):
             if not role:
-                return Response(_SEE_OTHER, b"", {"Location": f"/#{path}"})
+                return http.Response(_SEE_OTHER, b"", {"Location": f"/#{path}"})
             robot = self._numbered(path.removeprefix(_LINK))
             self.server.answer_later(self, partial(self.server.open_pendant, robot))
             return None
         if not role:
-            raise HttpError(UNAUTHORIZED, "enter the password of the class")
+            raise http.HttpError(http.UNAUTHORIZED, "enter the password of the class")
         if request.method == "GET":
-            return Response(OK, {"role": role, "robots": self.server.listing()})
+            return http.Response(http.OK, {"role": role, "robots": self.server.listing()})
         if role != "teacher":
-            raise HttpError(FORBIDDEN, "only the teacher stops, resets and names robots")
+            raise http.HttpError(http.FORBIDDEN, "only the teacher stops, resets and names robots")
         return self._command(_decoded(request, _Command))
 
-    def _command(self, command: _Command) -> Response | None:
+    def _command(self, command: _Command) -> http.Response | None:
         robots = [self._numbered(str(number)) for number in command.robots]
         if command.action == "name":
             for robot in robots:
                 robot.name = command.name.strip()[:_MAX_NAME] or robot.name
-            return Response(OK, {"failed": {}})
+            return http.Response(http.OK, {"failed": {}})
         if command.action not in ("stop", "reset"):
-            raise HttpError(BAD, f"there is no action {command.action[:20]!r}: use stop, reset or name")
+            raise http.HttpError(http.BAD, f"there is no action {command.action[:20]!r}: use stop, reset or name")
         self.server.answer_later(self, partial(self.server.command, command.action, robots))
         return None
 
     def _numbered(self, number: str) -> ClassRobot:
         robots = self.server.robots
         if not number.isascii() or not number.isdigit() or not 1 <= int(number[:9]) <= len(robots):
-            raise HttpError(NOT_FOUND, f"there is no robot {number[:20]}: there are 1 to {len(robots)}")
+            raise http.HttpError(http.NOT_FOUND, f"there is no robot {number[:20]}: there are 1 to {len(robots)}")
         return robots[int(number) - 1]
 
-    def _role(self, request: Request) -> str:
+    def _role(self, request: http.Request) -> str:
         """The role of a browser, "" before it has given a password."""
         cookies = dict(
             part.strip().split("=", 1) for part in request.headers.get("cookie", "").split(";") if "=" in part
         )
         return self.server.sessions.get(cookies.get(self.server.cookie, ""), "")
 
-    def _log_in(self, request: Request) -> Response | None:
+    def _log_in(self, request: http.Request) -> http.Response | None:
         server, given = self.server, to_bytes(_decoded(request, _Login).password)
         for session, role in server.sessions.items():
             if hmac.compare_digest(given, to_bytes(server.passwords[role])):
                 cookie = f"{server.cookie}={session}; HttpOnly; SameSite=Lax; Path=/"
-                return Response(OK, {"role": role}, {"Set-Cookie": cookie})
-        wrong = self.refuse(HttpError(UNAUTHORIZED, "this password is wrong"))
+                return http.Response(http.OK, {"role": role}, {"Set-Cookie": cookie})
+        wrong = self.refuse(http.HttpError(http.UNAUTHORIZED, "this password is wrong"))
         delay_s = server.guesses.delay_s()
 
-        async def refuse_later() -> Response:
+        async def refuse_later() -> http.Response:
             await asyncio.sleep(delay_s)
             return wrong
 
@@ -241,12 +224,12 @@ class _ClassConnection(HttpConnection):
         return None
 
 
-def _decoded(request: Request, kind: type[Any]) -> Any:
-    check_type(request, JSON)
+def _decoded(request: http.Request, kind: type[Any]) -> Any:
+    http.check_type(request, http.JSON)
     try:
         return msgspec.json.decode(request.body, type=kind)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise HttpError(BAD, f"the body is not what the page sends: {error}") from error
+        raise http.HttpError(http.BAD, f"the body is not what the page sends: {error}") from error
 
 
 def class_passwords(teacher: str, student: str) -> dict[str, str]:

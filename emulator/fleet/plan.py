@@ -16,6 +16,7 @@ from typing import Annotated, Any, Final
 import msgspec
 
 from emulator.config import ConfigError, EmulatorConfig, read_yaml
+from urproto.structures import converted
 
 FIRST_HOST: Final = "127.0.0.1"
 MAX_ROBOTS: Final = 250  # of one fleet: the last byte of an address (guess; a machine reaches its limit earlier)
@@ -57,10 +58,7 @@ def _convert(content: Any, kind: Any, folder: Path, where: str) -> Any:
             return folder / text
         raise TypeError(f"Expected `{expected.__name__}`, got `{text!r}`")
 
-    try:
-        return msgspec.convert(content, kind, dec_hook=path)
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"{where}: {error}") from error
+    return converted(content, kind, where, ConfigError, dec_hook=path)
 
 
 def place(

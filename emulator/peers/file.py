@@ -11,7 +11,6 @@ from typing import Annotated, Any, Final, TypeAlias, TypeVar
 from urllib.parse import urlsplit
 from xmlrpc.client import Fault
 
-import msgspec
 from msgspec import Meta, Struct
 
 from emulator.peers.answers import (
@@ -31,6 +30,7 @@ from emulator.peers.connection import Announcement, Peers, SocketPeer
 from emulator.peers.log import Pattern, PeerLog, PeersError
 from emulator.peers.modbus import UnitPeer, Values
 from emulator.peers.xmlrpc import Method, XmlRpcMethods
+from urproto.structures import converted
 from urproto.yamltext import InvalidYamlError, load_yaml
 
 _HTTP_PORT: Final = 80
@@ -102,7 +102,7 @@ def read_peers(path: Path) -> Peers:
 
 def parse_peers(content: Any, where: str, folder: Path) -> Peers:
     """The peers that data describes. where: for messages. folder: of the Python files it names. Raises PeersError."""
-    whole = _converted(content, _File, where)
+    whole = converted(content, _File, where, PeersError)
     python = _Python(folder)
     peers = Peers({}, {})
     for name, entry in whole.sockets.items():
@@ -112,13 +112,6 @@ def parse_peers(content: Any, where: str, folder: Path) -> Peers:
     for host, entry in whole.modbus.items():
         peers.units[host] = _unit(host, entry, f"{where}: {host}", python)
     return peers
-
-
-def _converted(content: Any, kind: type[_ItemT], where: str) -> _ItemT:
-    try:
-        return msgspec.convert(content, kind)
-    except msgspec.ValidationError as error:
-        raise PeersError(f"{where}: {error}") from error
 
 
 @dataclass
@@ -149,7 +142,7 @@ class _Python:
 
 
 def _socket_peer(name: str, entry: Any, where: str, python: _Python) -> SocketPeer:
-    described = _converted(entry, _Socket, where)
+    described = converted(entry, _Socket, where, PeersError)
     code, log, state = TextCode(described.binary), described.log(name), described.state
     if isinstance(described.answers, str):
         reply: Callable[[bytes, str], Reply] = Computed(python.object(described.answers, where))
@@ -218,7 +211,7 @@ def _cut_lines(code: TextCode, buffer: bytearray, idle: bool) -> Iterator[bytes]
 
 def _xmlrpc_peer(name: str, entry: Any, where: str, python: _Python) -> SocketPeer:
     simple = isinstance(entry, Mapping) and "methods" not in entry
-    described = _converted({"methods": entry} if simple else entry, _Methods, where)
+    described = converted({"methods": entry} if simple else entry, _Methods, where, PeersError)
     if isinstance(described.methods, str):
         methods = python.object(described.methods, where)
     else:
@@ -242,7 +235,7 @@ def _method(value: Any) -> Method:
 
 
 def _unit(name: str, entry: Any, where: str, python: _Python) -> UnitPeer:
-    described = _converted(entry, _Unit, where)
+    described = converted(entry, _Unit, where, PeersError)
     device = python.object(described.device, where) if described.device else None
     return UnitPeer(
         described.log(name),

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, TypeVar
 import msgspec
 
 from urproto.robots.pose import matrix_to_rotvec
+from urproto.structures import converted
 from urproto.vectors import Vector3, Vector6, cross, sub3, unit
 from urproto.worldfile import ObjectDescription
 
@@ -206,29 +207,9 @@ class Mounted(_Part, frozen=True):
             raise ValueError("a tool changer must be on the flange: leave tool out")
 
 
-def read(name: str, given: Any, kind: type[_T]) -> _T:
-    """Convert ``given`` to one of the classes above. Raises ValueError that names the place."""
-    try:
-        found = msgspec.convert(given, kind)
-    except msgspec.ValidationError as error:
-        raise ValueError(f"{name}: {str(error).replace('`', '')}") from None
-    if not _finite(given):
-        raise ValueError(f"{name}: all numbers must be finite")
-    return found
-
-
-def _finite(given: Any) -> bool:
-    """Whether all numbers are finite: NaN passes the checks of bounds."""
-    if isinstance(given, dict):
-        return all(map(_finite, given.values()))
-    if isinstance(given, list | tuple):
-        return all(map(_finite, given))
-    return not isinstance(given, float) or isfinite(given)
-
-
 def moving_of(name: str, thing: ObjectDescription) -> Moving:
     """The keys of a moving object. Raises ValueError."""
-    return read(name, dict(thing.moving), Moving)
+    return converted(dict(thing.moving), Moving, name)
 
 
 def section(sections: Mapping[str, Any], key: str, kind: type[_T]) -> dict[str, _T]:
@@ -236,4 +217,4 @@ def section(sections: Mapping[str, Any], key: str, kind: type[_T]) -> dict[str, 
     given = sections.get(key) or {}
     if not isinstance(given, dict):
         raise ValueError(f"{key} must be a mapping from names")
-    return {str(name): read(str(name), value, kind) for name, value in given.items()}
+    return {str(name): converted(value, kind, name) for name, value in given.items()}

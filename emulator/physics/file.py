@@ -3,18 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from emulator.physics.description import Barrier, Camera, Mounted, moving_of, read, section
+from msgspec import Meta
+
+from emulator.physics.description import Barrier, Camera, Mounted, moving_of, section
 from emulator.physics.grippers import GripperShape, parallel_gripper, robotiq_gripper
 from emulator.physics.plan import STEP_S, Cup, MountedShape, PhysicsPlan, Plate
 from emulator.world.world import World, WorldError
 from urproto.extras import how_to_install
 from urproto.robotiq import GripperModel
 from urproto.robots import RobotModel
-from urproto.text import quoted
+from urproto.structures import converted
 from urproto.worldfile import ObjectDescription, WorldFileError, read_description, read_world_file
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 SCENE_FILES: Final = (".xml", ".urdf")
 _GRIPPERS: Final = ("parallel", "suction", "changer")
 _OF_MOUNTED: Final = {"mass", "colour"}
-_STEPS_S: Final = (0.0001, 0.004)  # with longer ones, contacts are too soft to grip (guess)
+_STEP_S: Final[Any] = Annotated[float, Meta(ge=0.0001, le=0.004)]  # longer: contacts too soft to grip (guess)
 _MAX_FRICTION: Final = 10.0  # as in a world of springs
 
 
@@ -98,7 +99,7 @@ def _read_world(path: Path) -> ScenePlan:
     return ScenePlan(
         path,
         scene=None if scene is None else path.parent / scene,
-        step_s=_step(world.sections.get("step", STEP_S)),
+        step_s=converted(world.sections.get("step", STEP_S), _STEP_S, "step"),
         objects=objects,
         moving=moving,
         tool=None if world.tool is None else _resolve_mesh(path, _solid("tool", world.tool)),
@@ -108,18 +109,9 @@ def _read_world(path: Path) -> ScenePlan:
     )
 
 
-def _step(given: Any) -> float:
-    shortest, longest = _STEPS_S
-    if isinstance(given, bool) or not isinstance(given, int | float) or not shortest <= given <= longest:
-        raise ValueError(f"step must be a number from {shortest:g} to {longest:g} [s], not {quoted(given)}")
-    return float(given)
-
-
 def _solid(name: str, thing: ObjectDescription) -> ObjectDescription:
     if not name:
         raise ValueError("an object must have a name")
-    if not all(map(isfinite, thing.pose)):
-        raise ValueError(f"{name}: the pose must be finite numbers, not {list(thing.pose)}")
     if not 0.0 <= thing.material.get("friction", 0.0) <= _MAX_FRICTION:
         raise ValueError(f"{name}: the friction must be from 0 to {_MAX_FRICTION:g}, not {thing.material['friction']}")
     if not all(0.0 < size < 1e3 for size in thing.sizes):
@@ -147,7 +139,7 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
     changers: dict[str, Plate] = {}
     for name, what in given.items():
         if isinstance(what, dict) and any(kind in what for kind in _GRIPPERS):
-            mounted = read(str(name), what, Mounted)
+            mounted = converted(what, Mounted, name)
             if mounted.tool and mounted.tool not in tools:
                 raise ValueError(
                     f"{name}: tool {mounted.tool!r} is not an object with a coupling: {', '.join(tools) or 'none'}"

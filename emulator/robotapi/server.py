@@ -20,25 +20,9 @@ from emulator.robotapi.endpoints import OPERATIONS, Operation, Upload
 from emulator.robotapi.messages import ApiError, InvalidPart, ValidationError
 from emulator.robotapi.multipart import parts
 from emulator.robotapi.openapi import openapi
+from emulator.servers import http
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
-from emulator.servers.http import (
-    FAILED,
-    FORBIDDEN,
-    INVALID,
-    JSON,
-    NOT_FOUND,
-    OK,
-    TEMPORARY_REDIRECT,
-    HttpConnection,
-    HttpError,
-    Request,
-    Response,
-    as_json,
-    check_host,
-    check_type,
-    is_local,
-)
 from emulator.servers.port import PortServer, ServedController
 from urproto.robotapi import BASE, MAX_UPLOAD, OPENAPI, URCAPS
 
@@ -64,7 +48,7 @@ class RobotApiServer(PortServer):
     @cached_property
     def document(self) -> bytes:
         """The OpenAPI document."""
-        return as_json(openapi(self.operations, self.controller.version))
+        return http.as_json(openapi(self.operations, self.controller.version))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,21 +62,21 @@ class RobotApiCall(Command):
 
     def apply(self, controller: Controller) -> Generator[None, None, tuple[int, Any]]:
         if self.operation.endpoint.remote_only and controller.local_control:
-            return FORBIDDEN, ApiError(_LOCAL_CONTROL)
+            return http.FORBIDDEN, ApiError(_LOCAL_CONTROL)
         try:
             answer = self.operation.function(controller, *self.arguments)
             if isinstance(answer, Generator):
                 answer = yield from answer
-        except HttpError as error:
+        except http.HttpError as error:
             return error.status, ApiError(str(error))
-        return OK, answer
+        return http.OK, answer
 
     @property
     def failure(self) -> tuple[int, Any]:
-        return FAILED, ApiError("the request failed because of an error in the emulator: see its log")
+        return http.FAILED, ApiError("the request failed because of an error in the emulator: see its log")
 
 
-class _RobotApiConnection(HttpConnection):
+class _RobotApiConnection(http.HttpConnection):
     server: RobotApiServer
     max_body = MAX_UPLOAD
 
@@ -103,8 +87,8 @@ class _RobotApiConnection(HttpConnection):
     def refusal(self, text: str) -> Any:
         return ApiError(text)
 
-    def admit(self, request: Request) -> None:
-        check_host(request, also=is_local)
+    def admit(self, request: http.Request) -> None:
+        http.check_host(request, also=http.is_local)
         _check_origin(request)
 
     def methods(self, path: str) -> Collection[str]:
@@ -117,17 +101,17 @@ class _RobotApiConnection(HttpConnection):
             raise self._nothing_at(path)
         return here
 
-    def answer(self, request: Request) -> Response | None:
+    def answer(self, request: http.Request) -> http.Response | None:
         if request.path == URCAPS:
             return _urcaps(request)
         if request.path == OPENAPI:
-            return Response(OK, self.server.document)
+            return http.Response(http.OK, self.server.document)
         method = request.method
         operation, name = next(each for each in self._operations(request.path) if each[0].endpoint.method == method)
         try:
             arguments = _arguments(operation, name, request)
         except _InvalidRequestError as error:
-            return Response(INVALID, ValidationError([InvalidPart(error.where, str(error), "value_error")]))
+            return http.Response(http.INVALID, ValidationError([InvalidPart(error.where, str(error), "value_error")]))
         self._queue.put(RobotApiCall(operation, arguments), self._answered)
         return None
 
@@ -137,7 +121,7 @@ class _RobotApiConnection(HttpConnection):
 
     def _answered(self, answer: tuple[int, Any]) -> None:
         if self.is_open:
-            self.reply(Response(*answer))
+            self.reply(http.Response(*answer))
 
     def _operations(self, path: str) -> list[tuple[Operation, str]]:
         """The operations at a path, each with the name in the path."""
@@ -146,12 +130,12 @@ class _RobotApiConnection(HttpConnection):
         path = path.removeprefix(BASE)
         return [(each, name) for each in self.server.operations if (name := _matched(each, path)) is not None]
 
-    def _nothing_at(self, path: str) -> HttpError:
+    def _nothing_at(self, path: str) -> http.HttpError:
         """Why there is nothing: a path that differs in its last slash is redirected."""
         other = path.rstrip("/") if path.endswith("/") else f"{path}/"
         if any(f"{BASE}{each.endpoint.path}" == other for each in self.server.operations):
-            return HttpError(TEMPORARY_REDIRECT, f"it is at {other}", {"Location": other})
-        return HttpError(NOT_FOUND, f"there is nothing at {path[:100]}: see {OPENAPI}")
+            return http.HttpError(http.TEMPORARY_REDIRECT, f"it is at {other}", {"Location": other})
+        return http.HttpError(http.NOT_FOUND, f"there is nothing at {path[:100]}: see {OPENAPI}")
 
 
 def _matched(operation: Operation, path: str) -> str | None:
@@ -171,12 +155,12 @@ class _InvalidRequestError(ValueError):
         self.where = where
 
 
-def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, ...]:
+def _arguments(operation: Operation, name: str, request: http.Request) -> tuple[Any, ...]:
     """The arguments of the operation's function. Raises _InvalidRequestError or HttpError."""
     if operation.named:
         return (name,)
     if operation.upload:
-        check_type(request, _FORM)
+        http.check_type(request, _FORM)
         try:
             found = parts(request.headers["content-type"], request.body)
         except ValueError as error:
@@ -186,7 +170,7 @@ def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, 
         return (Upload(found[_FILE]),)
     if operation.body is None:
         return ()
-    check_type(request, JSON)
+    http.check_type(request, http.JSON)
     try:
         return (msgspec.json.decode(request.body, type=operation.body),)
     except msgspec.ValidationError as error:
@@ -198,15 +182,15 @@ def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, 
         raise _InvalidRequestError(["body"], f"the body is not JSON: {error}") from error
 
 
-def _urcaps(request: Request) -> Response:
+def _urcaps(request: http.Request) -> http.Response:
     """The answer of the service for URCaps: none are installed, and none can be."""
     if request.method != "GET":
-        raise HttpError(_NOT_IMPLEMENTED, "URCaps of PolyScope X are not emulated")
-    return Response(OK, [])
+        raise http.HttpError(_NOT_IMPLEMENTED, "URCaps of PolyScope X are not emulated")
+    return http.Response(http.OK, [])
 
 
-def _check_origin(request: Request) -> None:
+def _check_origin(request: http.Request) -> None:
     """Refuse web pages by their Origin header: browsers send forms with files without a preflight request."""
     origin = request.headers.get("origin")
     if origin is not None and urlsplit(origin).netloc != request.headers.get("host", ""):
-        raise HttpError(FORBIDDEN, f"web pages of {origin[:100]} may not use the robot")
+        raise http.HttpError(http.FORBIDDEN, f"web pages of {origin[:100]} may not use the robot")

@@ -15,16 +15,19 @@
 Lengths in m, angles in rad, forces in N, power in W, momentum in kg m/s, times in s.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
-from enum import Enum
+from dataclasses import replace
 from math import pi
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar
 
-from urproto.robots.model import RobotModel
-from urproto.vectors import is_number
+from msgspec import Meta, Struct
+from msgspec.structs import asdict
+
+from urproto.robots.model import Joints, RobotModel
+from urproto.structures import converted
+from urproto.text import unknown
+from urproto.vectors import Vector3
 from urproto.versions import Series
 from urproto.yamltext import InvalidYamlError, load_yaml
 from urscript.polyscope.document import DocumentError, read_document
@@ -45,14 +48,62 @@ from urscript.polyscope.safety_configuration import (
 from urscript.polyscope.safety_section import SafetySettingsError, read_safety_settings
 
 _Function = TypeVar("_Function", SafetyInput, SafetyOutput)
+_Preset: TypeAlias = Literal["least restricted", "default", "restricted", "very restricted"]
+_Mode: TypeAlias = Literal["disabled", "normal", "reduced", "both"]
+_Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]
+_Pin: TypeAlias = Annotated[int, Meta(ge=0, lt=CHANNELS)]
+_Pins: TypeAlias = dict[str, Any]
 
-_KEYS: Final = (
-    *("preset", "normal", "reduced", "planes", "tool_orientation", "tool_spheres"),
-    *("inputs", "outputs", "safe_home", "manual_high_speed"),
-)
 _STRICTER: Final = dict(zip(PRESETS, [*list(PRESETS)[1:], list(PRESETS)[-1]], strict=True))
-_LIMITS: Final = tuple(field.name for field in fields(LimitSet))
 _ONLY_E: Final = ("elbow_speed", "elbow_force", "stopping_time", "stopping_distance")
+
+
+class _Limits(Struct, frozen=True, forbid_unknown_fields=True):
+    preset: _Preset | None = None
+    tcp_speed: _Positive | None = None
+    force: _Positive | None = None
+    power: _Positive | None = None
+    momentum: _Positive | None = None
+    elbow_speed: _Positive | None = None
+    elbow_force: _Positive | None = None
+    stopping_time: _Positive | None = None
+    stopping_distance: _Positive | None = None
+    joint_speed: Joints | None = None
+    joint_min: Joints | None = None
+    joint_max: Joints | None = None
+
+
+class _Plane(Struct, forbid_unknown_fields=True):
+    normal: Vector3
+    name: str = ""
+    distance: float = 0.0
+    mode: _Mode | Literal["trigger"] = "both"
+    elbow: bool = False
+
+
+class _Orientation(Struct, forbid_unknown_fields=True):
+    direction: Vector3
+    deviation: Annotated[float, Meta(gt=0.0, lt=pi)]
+    mode: _Mode = "both"
+    tool_direction: Vector3 = (0.0, 0.0, 1.0)
+
+
+class _Sphere(Struct, forbid_unknown_fields=True):
+    centre: Vector3
+    radius: _Positive
+
+
+class _File(Struct, forbid_unknown_fields=True):
+    preset: _Preset = "default"
+    normal: _Limits = _Limits()
+    reduced: _Limits = _Limits()
+    planes: list[_Plane] = []
+    tool_orientation: _Orientation | None = None
+    tool_spheres: list[_Sphere] = []
+    inputs: _Pins | None = None
+    outputs: _Pins = {}
+    safe_home: Joints | None = None
+    manual_high_speed: bool = True
 
 
 def load_safety_file(path: Path, model: RobotModel) -> SafetyConfiguration:
@@ -81,41 +132,28 @@ def _from_yaml(text: bytes, model: RobotModel) -> SafetyConfiguration:
         content = load_yaml(text)
     except InvalidYamlError as error:
         raise SafetySettingsError(f"not YAML: {error}") from error
-    table = _mapping(content if content is not None else {}, "the file", _KEYS)
-    preset = _word(table.get("preset", "default"), "preset", PRESETS)
-    orientation = table.get("tool_orientation")
-    home = table.get("safe_home")
+    given = converted({} if content is None else content, _File, "", SafetySettingsError)
+    orientation = given.tool_orientation
+    inputs = factory_configuration(model).inputs if given.inputs is None else _pins(given.inputs, "inputs", SafetyInput)
     return SafetyConfiguration(
-        normal=_limits(table.get("normal", {}), "normal", preset, model),
-        reduced=_limits(table.get("reduced", {}), "reduced", _STRICTER[preset], model),
-        planes=tuple(_plane(row, f"planes, no. {n}") for n, row in enumerate(_rows(table, "planes"), 1)),
+        normal=_limits(given.normal, "normal", given.preset, model),
+        reduced=_limits(given.reduced, "reduced", _STRICTER[given.preset], model),
+        planes=tuple(_plane(row, f"planes, no. {n}") for n, row in enumerate(given.planes, 1)),
         tool_orientation=None if orientation is None else _orientation(orientation),
-        tool_spheres=tuple(
-            _sphere(row, f"tool_spheres, no. {n}") for n, row in enumerate(_rows(table, "tool_spheres"), 1)
-        ),
-        inputs=_inputs(table, model),
-        outputs=MappingProxyType(_pins(table.get("outputs", {}), "outputs", SafetyOutput)),
-        safe_home=None if home is None else _joints(home, "safe_home"),
-        manual_high_speed=_flag(table.get("manual_high_speed", True), "manual_high_speed"),
+        tool_spheres=tuple(ToolSphere(row.centre, row.radius) for row in given.tool_spheres),
+        inputs=MappingProxyType(inputs),
+        outputs=MappingProxyType(_pins(given.outputs, "outputs", SafetyOutput)),
+        safe_home=given.safe_home,
+        manual_high_speed=given.manual_high_speed,
     )
 
 
-def _inputs(table: Mapping[str, Any], model: RobotModel) -> Mapping[SafetyInput, tuple[int, int]]:
-    if "inputs" not in table:
-        return factory_configuration(model).inputs
-    return MappingProxyType(_pins(table["inputs"], "inputs", SafetyInput))
-
-
-def _limits(content: Any, where: str, preset: str, model: RobotModel) -> LimitSet:
-    table = dict(_mapping(content, where, ("preset", *_LIMITS)))
-    limits = preset_of(_word(table.pop("preset", preset), f"{where}: preset", PRESETS), model)
-    for name, value in table.items():
-        if name in _ONLY_E and model.series is Series.CB3:
-            raise SafetySettingsError(f"{where}: {model.title} has no limit {name}; only e-Series arms have it")
-        of_joints = name.startswith("joint_")
-        given = _joints(value, f"{where}: {name}") if of_joints else _positive(value, f"{where}: {name}")
-        changed: dict[str, Any] = {name: given}
-        limits = replace(limits, **changed)
+def _limits(given: _Limits, where: str, preset: str, model: RobotModel) -> LimitSet:
+    changed = {name: value for name, value in asdict(given).items() if value is not None}
+    limits = preset_of(changed.pop("preset", preset), model)
+    if model.series is Series.CB3 and (missing := [name for name in _ONLY_E if name in changed]):
+        raise SafetySettingsError(f"{where}: {model.title} has no limit {missing[0]}; only e-Series arms have it")
+    limits = replace(limits, **changed)
     if any(low >= high for low, high in zip(limits.joint_min, limits.joint_max, strict=True)):
         raise SafetySettingsError(f"{where}: joint_min must be below joint_max for each joint")
     if min(limits.joint_speed) <= 0.0:
@@ -123,116 +161,39 @@ def _limits(content: Any, where: str, preset: str, model: RobotModel) -> LimitSe
     return limits
 
 
-def _plane(content: Any, where: str) -> Plane:
-    row = _mapping(content, where, ("name", "normal", "distance", "mode", "elbow"))
-    mode = BoundaryMode[_word(row.get("mode", "both"), f"{where}: mode", _words(BoundaryMode)).upper()]
-    return Plane(
-        str(row.get("name", where)),
-        _direction(row.get("normal"), f"{where}: normal"),
-        _number(row.get("distance", 0.0), f"{where}: distance"),
-        mode,
-        elbow=_flag(row.get("elbow", False), f"{where}: elbow"),
-    )
+def _plane(given: _Plane, where: str) -> Plane:
+    normal = _direction(given.normal, f"{where}: normal")
+    return Plane(given.name or where, normal, given.distance, BoundaryMode[given.mode.upper()], elbow=given.elbow)
 
 
-def _orientation(content: Any) -> ToolOrientation:
-    where = "tool_orientation"
-    row = _mapping(content, where, ("direction", "deviation", "mode", "tool_direction"))
-    words = [word for word in _words(BoundaryMode) if word != "trigger"]
-    deviation = _positive(row.get("deviation"), f"{where}: deviation")
-    if deviation >= pi:
-        raise SafetySettingsError(f"{where}: deviation must be less than pi, not {deviation:g} rad")
+def _orientation(given: _Orientation) -> ToolOrientation:
     return ToolOrientation(
-        _direction(row.get("direction"), f"{where}: direction"),
-        deviation,
-        BoundaryMode[_word(row.get("mode", "both"), f"{where}: mode", words).upper()],
-        _direction(row.get("tool_direction", [0, 0, 1]), f"{where}: tool_direction"),
+        _direction(given.direction, "tool_orientation: direction"),
+        given.deviation,
+        BoundaryMode[given.mode.upper()],
+        _direction(given.tool_direction, "tool_orientation: tool_direction"),
     )
 
 
-def _sphere(content: Any, where: str) -> ToolSphere:
-    row = _mapping(content, where, ("centre", "radius"))
-    x, y, z = _numbers(row.get("centre"), f"{where}: centre", 3)
-    return ToolSphere((x, y, z), _positive(row.get("radius"), f"{where}: radius"))
-
-
-def _pins(content: Any, where: str, functions: type[_Function]) -> dict[_Function, tuple[int, int]]:
-    table = _mapping(content, where, _words(functions))
+def _pins(given: _Pins, where: str, functions: type[_Function]) -> dict[_Function, tuple[int, int]]:
     taken: dict[int, str] = {}
     found: dict[_Function, tuple[int, int]] = {}
-    for name, value in table.items():
-        pair = _numbers(value, f"{where}: {name}", 2)
-        if any(pin not in range(CHANNELS) for pin in pair) or pair[0] == pair[1]:
-            raise SafetySettingsError(f"{where}: {name} needs two different configurable pins from 0 to {CHANNELS - 1}")
-        for pin in map(int, pair):
+    names = {function.name.lower(): function for function in functions}
+    for name, value in given.items():
+        if name not in names:
+            raise SafetySettingsError(f"{where}: {unknown('function', name, names)}")
+        pair = converted(value, tuple[_Pin, _Pin], f"{where}: {name}", SafetySettingsError)
+        if pair[0] == pair[1]:
+            raise SafetySettingsError(f"{where}: {name} needs two different configurable pins")
+        for pin in pair:
             if taken.setdefault(pin, name) != name:
                 raise SafetySettingsError(f"{where}: {name} and {taken[pin]} share pin {pin}")
-        found[functions[name.upper()]] = (int(pair[0]), int(pair[1]))
+        found[names[name]] = pair
     return found
 
 
-# values
-
-
-def _words(kind: type[Enum]) -> list[str]:
-    return [member.name.lower() for member in kind]
-
-
-def _mapping(content: Any, where: str, known: Iterable[str]) -> Mapping[str, Any]:
-    known = list(known)
-    if not isinstance(content, dict):
-        raise SafetySettingsError(f"{where} must be a mapping with the keys {', '.join(known)}")
-    for name in content:
-        if name not in known:
-            raise SafetySettingsError(f"{where}: unknown key {str(name)[:40]!r}: use {', '.join(known)}")
-    return content
-
-
-def _rows(table: Mapping[str, Any], name: str) -> list[Any]:
-    rows = table.get(name, [])
-    if not isinstance(rows, list):
-        raise SafetySettingsError(f"{name} must be a list")
-    return rows
-
-
-def _word(value: Any, where: str, known: Iterable[str]) -> str:
-    if value not in list(known):
-        raise SafetySettingsError(f"{where} is {str(value)[:40]!r}: use one of {', '.join(known)}")
-    return str(value)
-
-
-def _flag(value: Any, where: str) -> bool:
-    if not isinstance(value, bool):
-        raise SafetySettingsError(f"{where} must be true or false")
-    return value
-
-
-def _number(value: Any, where: str) -> float:
-    if not is_number(value):
-        raise SafetySettingsError(f"{where} must be a number, not {str(value)[:40]!r}")
-    return float(value)
-
-
-def _positive(value: Any, where: str) -> float:
-    number = _number(value, where)
-    if number <= 0.0:
-        raise SafetySettingsError(f"{where} must be positive, not {number:g}")
-    return number
-
-
-def _numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
-    if not isinstance(value, list) or len(value) != count:
-        raise SafetySettingsError(f"{where} must be a list of {count} numbers")
-    return tuple(_number(part, where) for part in value)
-
-
-def _joints(value: Any, where: str) -> tuple[float, float, float, float, float, float]:
-    a, b, c, d, e, f = _numbers(value, where, 6)
-    return (a, b, c, d, e, f)
-
-
-def _direction(value: Any, where: str) -> tuple[float, float, float]:
-    x, y, z = _numbers(value, where, 3)
+def _direction(given: Vector3, where: str) -> Vector3:
+    x, y, z = given
     length: float = (x * x + y * y + z * z) ** 0.5
     if length < 1e-9:
         raise SafetySettingsError(f"{where} must not be zero")

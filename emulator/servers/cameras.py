@@ -11,22 +11,9 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Final, TypeGuard
 from urllib.parse import parse_qs, unquote
 
+from emulator.servers import http
 from emulator.servers.camera_drawing import MAX_HZ, Drawing, DrawingError, Picture
 from emulator.servers.connection import Connection
-from emulator.servers.http import (
-    BAD,
-    NOT_FOUND,
-    OK,
-    PAGE_POLICY,
-    UNAVAILABLE,
-    HttpConnection,
-    HttpError,
-    Request,
-    Response,
-    check_host,
-    check_site,
-    is_local,
-)
 from emulator.servers.port import PortServer, ServedController
 from urproto.cameras import CAMERAS, FORMS, POSE_HEADER, STREAM, TIME_HEADER, picture_path, pose_text
 from urproto.errors import RemoteProtocolError
@@ -42,7 +29,7 @@ _BUFFER: Final = 128 * 1024  # bytes that may be buffered for a client; above th
 _JPEG: Final = "rgb.jpg"
 _BOUNDARY: Final = "picture"
 _STREAM_TYPE: Final = f"multipart/x-mixed-replace; boundary={_BOUNDARY}"
-_PAGE_HEADERS: Final = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": PAGE_POLICY}
+_PAGE_HEADERS: Final = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": http.PAGE_POLICY}
 # every request draws another picture, of which the rest of an earlier one is no part
 _PICTURE_HEADERS: Final = {"Accept-Ranges": "none"}
 _PAGE: Final = """<!DOCTYPE html>
@@ -115,11 +102,13 @@ class CameraServer(PortServer):
 
     def check_room(self) -> None:
         """Raises HttpError if the maximum number of viewers is reached."""
-        if sum(isinstance(one, HttpConnection) and one.waiting for one in self.connections) >= _MAX_VIEWERS:
-            raise HttpError(UNAVAILABLE, f"the limit of {_MAX_VIEWERS} viewers of cameras is reached: close one")
+        if sum(isinstance(one, http.HttpConnection) and one.waiting for one in self.connections) >= _MAX_VIEWERS:
+            raise http.HttpError(
+                http.UNAVAILABLE, f"the limit of {_MAX_VIEWERS} viewers of cameras is reached: close one"
+            )
 
 
-class _CameraConnection(HttpConnection):
+class _CameraConnection(http.HttpConnection):
     server: CameraServer
     max_body = 0
 
@@ -130,24 +119,24 @@ class _CameraConnection(HttpConnection):
         self._full = False  # the write buffer of the connection is full
         self._pumping: asyncio.Handle | None = None
 
-    def admit(self, request: Request) -> None:
-        check_host(request, also=is_local)
-        check_site(request)
+    def admit(self, request: http.Request) -> None:
+        http.check_host(request, also=http.is_local)
+        http.check_site(request)
 
     def methods(self, path: str) -> Collection[str]:
         if path not in ("/", CAMERAS):
             self._camera_and_form(path)
         return ("GET",)
 
-    def answer(self, request: Request) -> Response | None:
+    def answer(self, request: http.Request) -> http.Response | None:
         if request.path == "/":
-            return Response(OK, self.server.page(), _PAGE_HEADERS)
+            return http.Response(http.OK, self.server.page(), _PAGE_HEADERS)
         if request.path == CAMERAS:
-            return Response(OK, self.server.index())
+            return http.Response(http.OK, self.server.index())
         name, form = self._camera_and_form(request.path)
         every_s = 1.0 / _fps(request.query) if form == STREAM else None
         if self.head_only and form == STREAM:
-            return Response(OK, b"", {"Content-Type": _STREAM_TYPE})
+            return http.Response(http.OK, b"", {"Content-Type": _STREAM_TYPE})
         self.server.check_room()
         self._viewing = _Viewing(self, name, _JPEG if form == STREAM else form, every_s)
         return None
@@ -157,12 +146,16 @@ class _CameraConnection(HttpConnection):
         top, _, rest = path.removeprefix("/").partition("/")
         name, _, form = rest.partition("/")
         if f"/{top}" != CAMERAS or not form:
-            raise HttpError(NOT_FOUND, f"nothing is served at {path}: see {CAMERAS}")
+            raise http.HttpError(http.NOT_FOUND, f"nothing is served at {path}: see {CAMERAS}")
         name, known = unquote(name), self.server.world.cameras
         if name not in known:
-            raise HttpError(NOT_FOUND, f"there is no camera {name!r}; there are: {', '.join(known) or 'none'}")
+            raise http.HttpError(
+                http.NOT_FOUND, f"there is no camera {name!r}; there are: {', '.join(known) or 'none'}"
+            )
         if form != STREAM and form not in FORMS:
-            raise HttpError(NOT_FOUND, f"a camera does not serve {form}; it serves: {', '.join((STREAM, *FORMS))}")
+            raise http.HttpError(
+                http.NOT_FOUND, f"a camera does not serve {form}; it serves: {', '.join((STREAM, *FORMS))}"
+            )
         return name, form
 
     def too_far_ahead(self) -> None:
@@ -253,7 +246,7 @@ class _Viewing:
             if self._stream_started:
                 connection.close()  # the status of a stream has been sent already: closing is the only signal left
             else:
-                connection.reply(connection.refuse(HttpError(UNAVAILABLE, str(picture))))
+                connection.reply(connection.refuse(http.HttpError(http.UNAVAILABLE, str(picture))))
             return
         head = {
             "Content-Type": FORMS[self._form],
@@ -263,13 +256,13 @@ class _Viewing:
         }
         self._sending = True
         if self._every_s is None:
-            connection.begin_response(OK, {**_PICTURE_HEADERS, **head})
+            connection.begin_response(http.OK, {**_PICTURE_HEADERS, **head})
             connection.send_parts(picture.parts)
             return
         lines = "".join(f"{name}: {value}\r\n" for name, value in head.items())
         begin = [] if self._stream_started else [f"--{_BOUNDARY}\r\n".encode()]
         if not self._stream_started:
-            connection.begin_response(OK, {"Content-Type": _STREAM_TYPE})
+            connection.begin_response(http.OK, {"Content-Type": _STREAM_TYPE})
             self._stream_started = True
         # the next boundary follows immediately: browsers show a picture once they see the boundary after it
         connection.send_parts([*begin, f"{lines}\r\n".encode(), *picture.parts, f"\r\n--{_BOUNDARY}\r\n".encode()])
@@ -283,5 +276,5 @@ def _fps(query: str) -> float:
     except ValueError:
         rate_hz = 0.0
     if not _MIN_HZ <= rate_hz <= MAX_HZ:
-        raise HttpError(BAD, f"fps must be a number from {_MIN_HZ:g} to {MAX_HZ:g}, not {given[:20]!r}")
+        raise http.HttpError(http.BAD, f"fps must be a number from {_MIN_HZ:g} to {MAX_HZ:g}, not {given[:20]!r}")
     return rate_hz

@@ -24,30 +24,7 @@ from typing import Any, Final
 from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
 from urproto.facts import release_of, rows
-from urproto.rtde.codec import (
-    KNOWN_PROTOCOLS,
-    ClientMessage,
-    GetVersion,
-    InputData,
-    MessageLevel,
-    Package,
-    Pause,
-    PauseReply,
-    ProtocolReply,
-    Reply,
-    Request,
-    RequestProtocol,
-    SetupInputs,
-    SetupInputsReply,
-    SetupOutputs,
-    SetupOutputsReply,
-    Start,
-    StartReply,
-    TextMessage,
-    VersionReply,
-    decode_request,
-    output_packer,
-)
+from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field, available_fields
 from urproto.rtde.recipes import Recipe, type_names
 from urproto.rtde.types import IN_USE, NOT_FOUND
@@ -131,7 +108,7 @@ class RTDEHost:
         self._snapshot = snapshot
         self.outputs = available_fields(OUTPUT_FIELDS, version)
         self.inputs = available_fields(INPUT_FIELDS, version)
-        self.protocols: Collection[int] = KNOWN_PROTOCOLS
+        self.protocols: Collection[int] = codec.KNOWN_PROTOCOLS
         self.reservations = Reservations()
         self.packer = lru_cache(maxsize=256)(self._packer)  # equal recipes share a packer: encoded once per period
         self._hidden: set[str] = set()
@@ -153,7 +130,7 @@ class RTDEHost:
         self.inputs = _without(available_fields(INPUT_FIELDS, self.version), self._hidden)
 
     def _packer(self, names: tuple[str, ...], protocol: int) -> Packer:
-        return output_packer(Recipe.of(names, self.outputs), protocol, _OUTPUT_RECIPE)
+        return codec.output_packer(Recipe.of(names, self.outputs), protocol, _OUTPUT_RECIPE)
 
 
 def _without(fields: Mapping[str, Field], hidden: Collection[str]) -> Mapping[str, Field]:
@@ -196,14 +173,14 @@ class RTDESession:
         """Call when the client has disconnected: others may then write its inputs."""
         self._host.reservations.release(self)
 
-    def read(self, package: Package) -> Request | TextMessage:
+    def read(self, package: codec.Package) -> codec.Request | codec.TextMessage:
         """Decode a request; for an invalid one, return the answer to it."""
         try:
-            return decode_request(package, self.protocol)
+            return codec.decode_request(package, self.protocol)
         except RemoteProtocolError as error:
             return _warning(f"ignored: {error}")
 
-    def greeting(self) -> list[Reply]:
+    def greeting(self) -> list[codec.Reply]:
         """What a client gets before it has sent anything: a warning until the safety setup is confirmed.
 
         The official driver received it instead of its first answer, in the form of protocol 1 (Universal_Robots_ROS2_
@@ -211,35 +188,35 @@ class RTDESession:
         """
         return [_warning(_UNCONFIRMED)] if self._host.unconfirmed or self._host.never_on else []
 
-    def answer(self, request: Request) -> list[Reply]:
+    def answer(self, request: codec.Request) -> list[codec.Reply]:
         """Carry out a request and return the answers in order."""
         return _HANDLERS[type(request)](self, request)
 
     # one method for each kind of request
 
-    def _request_protocol(self, request: RequestProtocol) -> list[Reply]:
+    def _request_protocol(self, request: codec.RequestProtocol) -> list[codec.Reply]:
         accepted = request.version in self._host.protocols
         if accepted and request.version != self.protocol:
             self.protocol = request.version
             self._renew_packer()
-        return [ProtocolReply(accepted)]
+        return [codec.ProtocolReply(accepted)]
 
-    def _get_version(self, request: GetVersion) -> list[Reply]:
-        return [VersionReply(self._host.control_version)]
+    def _get_version(self, request: codec.GetVersion) -> list[codec.Reply]:
+        return [codec.VersionReply(self._host.control_version)]
 
-    def _setup_outputs(self, request: SetupOutputs) -> list[Reply]:
+    def _setup_outputs(self, request: codec.SetupOutputs) -> list[codec.Reply]:
         types = self._types(request.names, self._host.outputs)
         problem = _problem(request.names, types) or self._set_frequency(request.frequency_hz)
         if problem:
             self._event(SessionEvent.INVALID_RECIPE)
             self._outputs, self._packer = (), None
-            return [SetupOutputsReply(types, _REFUSED), _error(f"the output recipe is not valid: {problem}")]
+            return [codec.SetupOutputsReply(types, _REFUSED), _error(f"the output recipe is not valid: {problem}")]
         self._outputs = request.names
         self._renew_packer()
         self._event(SessionEvent.VALID_RECIPE)
-        return [SetupOutputsReply(types, _OUTPUT_RECIPE)]
+        return [codec.SetupOutputsReply(types, _OUTPUT_RECIPE)]
 
-    def _setup_inputs(self, request: SetupInputs) -> list[Reply]:
+    def _setup_inputs(self, request: codec.SetupInputs) -> list[codec.Reply]:
         reservations = self._host.reservations
         types = tuple(
             IN_USE if reservations.taken(name, self) else kind
@@ -249,28 +226,28 @@ class RTDESession:
         if len(self._inputs) >= _MAX_INPUT_RECIPES:
             problem = f"this connection has {_MAX_INPUT_RECIPES} input recipes already, the maximum"
         if problem:
-            return [SetupInputsReply(types, _REFUSED), _error(f"the input recipe is not valid: {problem}")]
+            return [codec.SetupInputsReply(types, _REFUSED), _error(f"the input recipe is not valid: {problem}")]
         recipe_id = len(self._inputs) + 1
         self._inputs[recipe_id] = Recipe.of(request.names, self._host.inputs)
         reservations.take(request.names, self)
-        return [SetupInputsReply(types, recipe_id)]
+        return [codec.SetupInputsReply(types, recipe_id)]
 
-    def _start(self, request: Start) -> list[Reply]:
+    def _start(self, request: codec.Start) -> list[codec.Reply]:
         if self._host.unconfirmed:
-            return [_warning(_UNCONFIRMED), StartReply(False)]
+            return [_warning(_UNCONFIRMED), codec.StartReply(False)]
         self._event(SessionEvent.START)
         # the first package is sent one period of the requested rate later than the answer, so that a client that reads
         # the answer immediately does not receive data in the same read
         self._periods_left = self._every + 1
         if self.state is SessionState.STARTED:
-            return [StartReply(True)]
-        return [StartReply(False), _error("cannot start: set up a valid output recipe first")]
+            return [codec.StartReply(True)]
+        return [codec.StartReply(False), _error("cannot start: set up a valid output recipe first")]
 
-    def _pause(self, request: Pause) -> list[Reply]:
+    def _pause(self, request: codec.Pause) -> list[codec.Reply]:
         self._event(SessionEvent.PAUSE)
-        return [PauseReply(True)]
+        return [codec.PauseReply(True)]
 
-    def _input_data(self, request: InputData) -> list[Reply]:
+    def _input_data(self, request: codec.InputData) -> list[codec.Reply]:
         """Of a package that is too long, the bytes of its recipe are used: ur_rtde sends such packages."""
         recipe = self._inputs.get(request.recipe_id)
         if recipe is None:
@@ -283,8 +260,10 @@ class RTDESession:
         result = f"only the first {size} are used" if len(data) > size else "ignored"
         return self._warn_once(f"input data of recipe {request.recipe_id} has {len(data)} bytes, not {size}: {result}")
 
-    def _client_message(self, request: ClientMessage) -> list[Reply]:
-        level = MessageLevel(request.level).name if request.level in list(MessageLevel) else str(request.level)
+    def _client_message(self, request: codec.ClientMessage) -> list[codec.Reply]:
+        level = (
+            codec.MessageLevel(request.level).name if request.level in list(codec.MessageLevel) else str(request.level)
+        )
         self._note(f"RTDE client {request.source}: {level}: {request.text}")
         return []
 
@@ -317,7 +296,7 @@ class RTDESession:
     def _renew_packer(self) -> None:
         self._packer = self._host.packer(self._outputs, self.protocol) if self._outputs else None
 
-    def _warn_once(self, text: str) -> list[Reply]:
+    def _warn_once(self, text: str) -> list[codec.Reply]:
         """Return a warning the first time only: it would otherwise be repeated for every package."""
         if text in self._warned or len(self._warned) > _MAX_INPUT_RECIPES:
             return []
@@ -340,21 +319,21 @@ def _too_long(names: tuple[str, ...]) -> bool:
     return len(",".join(names)) > _MAX_NAME_BYTES
 
 
-def _warning(text: str) -> TextMessage:
-    return TextMessage(text, _SOURCE, MessageLevel.WARNING)
+def _warning(text: str) -> codec.TextMessage:
+    return codec.TextMessage(text, _SOURCE, codec.MessageLevel.WARNING)
 
 
-def _error(text: str) -> TextMessage:
-    return TextMessage(text, _SOURCE, MessageLevel.ERROR)
+def _error(text: str) -> codec.TextMessage:
+    return codec.TextMessage(text, _SOURCE, codec.MessageLevel.ERROR)
 
 
-_HANDLERS: Final[Mapping[type, Callable[[RTDESession, Any], list[Reply]]]] = {
-    RequestProtocol: RTDESession._request_protocol,
-    GetVersion: RTDESession._get_version,
-    SetupOutputs: RTDESession._setup_outputs,
-    SetupInputs: RTDESession._setup_inputs,
-    Start: RTDESession._start,
-    Pause: RTDESession._pause,
-    InputData: RTDESession._input_data,
-    ClientMessage: RTDESession._client_message,
+_HANDLERS: Final[Mapping[type, Callable[[RTDESession, Any], list[codec.Reply]]]] = {
+    codec.RequestProtocol: RTDESession._request_protocol,
+    codec.GetVersion: RTDESession._get_version,
+    codec.SetupOutputs: RTDESession._setup_outputs,
+    codec.SetupInputs: RTDESession._setup_inputs,
+    codec.Start: RTDESession._start,
+    codec.Pause: RTDESession._pause,
+    codec.InputData: RTDESession._input_data,
+    codec.ClientMessage: RTDESession._client_message,
 }

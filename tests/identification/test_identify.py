@@ -136,7 +136,7 @@ def test_an_arm_file_applies_to_one_model(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"rotor_kg_m2": [1, 2, 3]}, "rotor_kg_m2 must be six numbers"),
+        ({"rotor_kg_m2": [1, 2, 3]}, "rotor_kg_m2 must be a list of length 6, not 3"),
         ({"rotor_kg_m2": [0.0] * 6}, "rotor_kg_m2 must be six numbers above 0"),
         ({"coulomb_Nm": [-1.0] * 6}, "coulomb_Nm must be six numbers, none of them negative"),
         ({"model": 3}, "is not an arm file"),

@@ -200,15 +200,15 @@ def test_scenes_are_read_from_world_files(tmp_path: Path) -> None:
     assert beyond.objects["tool"].pose[:3] == pytest.approx((x, y + 0.02, z + 0.1))
     bad = tmp_path / "bad.yaml"
     for text, why in (
-        ("objects: {a: {box: [1, 2]}}", "box must be three lengths"),
+        ("objects: {a: {box: [1, 2]}}", "box must be a list of length 3"),
         ("objects: {a: {box: [0, 1, 1]}}", "a: edge lengths: 3 numbers above 0"),
-        ("objects: {a: {sphere: .inf}}", "a: a length: above 0"),
+        ("objects: {a: {sphere: .inf}}", "objects.a.sphere must be a finite number"),
         ("objects: {a: {sphere: 1, plane: {}}}", "must have exactly one of"),
         ("objects: {a: {sphere: 1, weight: 1}}", "has 'weight'"),
         ("objects: {upper_arm_link: {sphere: 1}}", "the name of a link"),
         ("objects: {a: {mesh: nothing.stl}}", "there is no file"),
         ("tool: {plane: {}}", "an arm cannot carry it"),
-        ("[1, 2]", "the file must be a mapping"),
+        ("[1, 2]", "it must be a mapping"),
         ("a: [", "is not YAML"),
     ):
         bad.write_text(text)

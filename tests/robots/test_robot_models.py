@@ -127,17 +127,18 @@ def test_models_are_shared_and_immutable() -> None:
 @pytest.mark.parametrize(
     ("before", "after", "complaint"),
     [
-        ("reach_m = 0.5", "", r"ur3.toml: reach_m must be a number, not None"),
-        ("reach_m = 0.5", 'reach_m = "far"', r"ur3.toml: reach_m must be a number, not 'far'"),
-        ("reach_m = 0.5", "reach_m = true", r"ur3.toml: reach_m must be a number, not True"),
+        ("reach_m = 0.5", "", r"ur3.toml: reach_m is missing"),
+        ("reach_m = 0.5", 'reach_m = "far"', r"ur3.toml: reach_m must be a number, not text"),
+        ("reach_m = 0.5", "reach_m = true", r"ur3.toml: reach_m must be a number, not true or false"),
         ("robot_type = 3", "robot_type = 3.5", r"ur3.toml: robot_type must be a whole number"),
-        ("wrist3_unlimited = true", "wrist3_unlimited = 1", r"\[limits\]: wrist3_unlimited must be true or false"),
-        ("a_m = [0.0, ", "a_m = [", r"ur3.toml \[dh\]: a_m must be 6 numbers"),
-        ("com_m = [0.13, ", 'com_m = ["?", ', r"\[\[links\]\] no. 2: com_m must be 3 numbers"),
-        ("[shape]", "[form]", r"ur3.toml: shape must be a table"),
-        ("base_light = false", "", r"\[shape\]: base_light must be true or false"),
-        ("[electrics]", "[electric]", r"ur3.toml: electrics must be a table"),
-        ("[[links]]  # wrist_3", "[[toes]]", r"ur3.toml: there must be six \[\[links\]\], not 5"),
+        ("wrist3_unlimited = true", "wrist3_unlimited = 1", r"wrist3_unlimited must be true or false"),
+        ("a = [0.0, ", "a = [", r"ur3.toml: dh.a must be a list of length 6, not 5"),
+        ("com_m = [0.13, ", 'com_m = ["?", ', r"links\[1\].com_m\[0\] must be a number, not text"),
+        ("[shape]", "[form]", r"ur3.toml: tube_offsets is missing"),
+        ("base_light = false", "", r"ur3.toml: base_light is missing"),
+        ("[electrics]", "[electric]", r"ur3.toml: torque_constants is missing"),
+        ("[[links]]  # wrist_3", "[[toes]]", r"ur3.toml: links must be a list of length 6, not 5"),
+        ('"CB3"', '"CB4"', r"ur3.toml: series: unknown 'CB4'; allowed are CB3, e-Series"),
     ],
 )
 def test_an_invalid_file_is_reported_with_the_entry(before: str, after: str, complaint: str) -> None:

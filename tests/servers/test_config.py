@@ -111,7 +111,7 @@ def test_initial_positions(tmp_path: Path) -> None:
         (UR_DESCRIPTION + "gripper: 1\n", "must give radians for each of"),
         (UR_DESCRIPTION.replace("-1.57", "low", 1), "shoulder_lift_joint must be a number"),
         (UR_DESCRIPTION.replace("-1.57", "true", 1), "shoulder_lift_joint must be a number"),
-        (UR_DESCRIPTION.replace("-1.57", ".nan", 1), "shoulder_lift_joint is nan"),
+        (UR_DESCRIPTION.replace("-1.57", ".nan", 1), "shoulder_lift_joint must be a finite number"),
         (UR_DESCRIPTION.replace("-1.57", "-90", 1), "shoulder_lift_joint is -90 rad"),
         ("a: b: c", "is not YAML"),
         ("!degrees 90", "is not YAML"),

@@ -14,7 +14,22 @@ from functools import cache
 from itertools import chain, groupby
 from typing import Annotated, Any, ClassVar
 
-from urproto._wire import Reader, pack
+from urproto._wire import (
+    Double,
+    Flag,
+    Float,
+    Int8,
+    Int32,
+    Layout,
+    Reader,
+    SixDoubles,
+    ThreeDoubles,
+    UInt8,
+    UInt32,
+    UInt64,
+    marked_fields,
+    pack,
+)
 from urproto.compat import Self
 from urproto.facts import availability
 from urproto.modes import (
@@ -27,20 +42,7 @@ from urproto.modes import (
     ToolMode,
     ToolOutputMode,
 )
-from urproto.primary._wire import (
-    Double,
-    Flag,
-    Float,
-    Int8,
-    Int32,
-    Layout,
-    SixDoubles,
-    ThreeDoubles,
-    UInt8,
-    UInt32,
-    UInt64,
-    frame,
-)
+from urproto.primary._wire import frame
 from urproto.vectors import ZERO3, ZERO6, Vector6
 from urproto.versions import Availability, PolyscopeVersion
 
@@ -60,8 +62,7 @@ def _size(layout: Layout) -> int:
 @cache
 def _parts_of(kind: Any) -> tuple[Layout, tuple[tuple[Availability, Layout], ...]]:
     """The fields of the oldest form, and those that later versions append together."""
-    marked = ((field, getattr(field.type, "__metadata__", ())) for field in fields(kind))
-    forms = [(marks[1:], (field.name, marks[0])) for field, marks in marked if marks]
+    forms = [(marks[1:], (name, marks[0])) for name, marks in marked_fields(kind)]
     groups = [(since, tuple(item for _, item in group)) for since, group in groupby(forms, lambda form: form[0])]
     (_, oldest), *later = groups
     return oldest, tuple((since[0], layout) for since, layout in later)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from urproto._wire import SizedMessageDecoder
 from urproto.errors import RemoteProtocolError
 from urproto.primary._wire import MESSAGE_HEADER, PROGRAM_STATE, ROBOT_MESSAGE, ROBOT_STATE
 from urproto.primary.messages import RobotMessage, VersionMessage, decode_robot_message
@@ -38,49 +39,29 @@ PrimaryMessage = (
 )
 
 
-class PrimaryDecoder:
+class PrimaryDecoder(SizedMessageDecoder[PrimaryMessage]):
     """Splits a stream into messages and decodes them.
+
+    A message with a valid size but an invalid payload is returned as an OtherMessage.
 
     version: the sender's. It is taken from the version message, which is the first one on every connection; before
     that, the newest version is assumed.
     """
 
+    header = MESSAGE_HEADER
+
     def __init__(self, version: PolyscopeVersion = DEFAULT_VERSION[Series.E]) -> None:
+        super().__init__()
         self.version = version
-        self._buffer = bytearray()
-        self.error: RemoteProtocolError | None = None
 
-    def feed(self, data: bytes) -> list[PrimaryMessage]:
-        """Add bytes; returns the messages they complete.
-
-        An impossible size ends the stream: messages before it are still returned, and this call, or the next one if
-        there were any, raises RemoteProtocolError; ``error`` is set immediately. A message with a valid size but an
-        invalid payload is returned as an OtherMessage.
-        """
-        messages: list[PrimaryMessage] = []
-        self._buffer += data
-        while self.error is None and (framed := self._next()):
-            messages.append(self._read(*framed))
-        if self.error is not None:
-            self._buffer.clear()
-            if not messages:
-                raise self.error
-        return messages
-
-    def _next(self) -> tuple[int, bytes] | None:
-        if len(self._buffer) < MESSAGE_HEADER.size:
-            return None
-        size, kind = MESSAGE_HEADER.unpack_from(self._buffer)
+    def _size(self, *header: int) -> int:
+        size = header[0]
         if not MESSAGE_HEADER.size <= size <= MAX_MESSAGE_SIZE:
-            self.error = RemoteProtocolError(f"a primary interface message cannot have {size} bytes")
-            return None
-        if len(self._buffer) < size:
-            return None
-        payload = bytes(self._buffer[MESSAGE_HEADER.size : size])
-        del self._buffer[:size]
-        return kind, payload
+            raise RemoteProtocolError(f"a primary interface message cannot have {size} bytes")
+        return size
 
-    def _read(self, kind: int, payload: bytes) -> PrimaryMessage:
+    def _decode(self, message: bytes) -> PrimaryMessage:
+        kind, payload = message[MESSAGE_HEADER.size - 1], message[MESSAGE_HEADER.size :]
         try:
             if kind == ROBOT_STATE:
                 return decode_robot_state(payload)

@@ -8,26 +8,28 @@ kind of message comes from (``source``): captures of a 5.4 simulator and of a li
 client.
 """
 
-from dataclasses import dataclass, fields
-from functools import cache
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from urproto._wire import Reader, pack, short_text
-from urproto.compat import Self
-from urproto.errors import RemoteProtocolError
-from urproto.facts import availability
-from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType
-from urproto.primary._wire import (
-    ROBOT_MESSAGE,
+from urproto._wire import (
     Flag,
     Int32,
     Layout,
+    Reader,
     ShortText,
     Text,
     UInt8,
     UInt32,
-    frame,
+    decode_item,
+    encode_item,
+    marked_fields,
+    pack,
 )
+from urproto.compat import Self
+from urproto.errors import RemoteProtocolError
+from urproto.facts import availability
+from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType
+from urproto.primary._wire import ROBOT_MESSAGE, frame
 from urproto.text import from_bytes, to_bytes
 from urproto.versions import PolyscopeVersion
 
@@ -46,13 +48,6 @@ NO_TIMESTAMP_US = 2**64 - 1
 # searched for the documented kind 2). That both changes came with the same version is a guess.
 _LONG_POPUP = availability("primary.long_popup")
 _SHORT_POPUP = ("warning", "error", "title", "text")
-
-
-@cache
-def _layout_of(kind: Any) -> Layout:
-    """The fields of the body, which have a form on the wire."""
-    marked = ((field.name, getattr(field.type, "__metadata__", ())) for field in fields(kind))
-    return tuple((name, marks[0]) for name, marks in marked if marks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,35 +77,19 @@ class RobotMessage:
     @classmethod
     def _layout(cls) -> Layout:
         kind: Any = cls  # which mypy does not take to be hashable
-        return _layout_of(kind)
+        return tuple((name, marks[0]) for name, marks in marked_fields(kind))
 
     @classmethod
     def _layout_for(cls, version: PolyscopeVersion) -> Layout:
         return cls._layout()
 
     def _body(self, version: PolyscopeVersion) -> bytes:
-        return b"".join(_encode_item(how, getattr(self, name)) for name, how in self._layout_for(version))
+        return b"".join(encode_item(how, getattr(self, name)) for name, how in self._layout_for(version))
 
     @classmethod
     def _read(cls, reader: Reader, version: PolyscopeVersion, timestamp_us: int, source: int) -> Self:
-        values = {name: _decode_item(how, reader) for name, how in cls._layout_for(version)}
+        values = {name: decode_item(how, reader) for name, how in cls._layout_for(version)}
         return cls(timestamp_us=timestamp_us, source=source, **values)
-
-
-def _encode_item(how: str, value: Any) -> bytes:
-    if how == "text":
-        return to_bytes(value)
-    if how == "short":
-        return short_text(value)
-    return pack(how, value)
-
-
-def _decode_item(how: str, reader: Reader) -> Any:
-    if how == "text":
-        return from_bytes(reader.rest())
-    if how == "short":
-        return reader.short_text()
-    return reader.unpack(how)[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

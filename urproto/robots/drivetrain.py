@@ -5,12 +5,12 @@ instead (``RobotModel.drivetrain``).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from math import isfinite
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Final
 
 from urproto.compat import Self
-from urproto.vectors import ZERO6, Vector6, as_six
+from urproto.structures import converted
+from urproto.vectors import ZERO6, Vector6
 
 # Parameters of the controller's friction model. Measured in shamilmamedov/dynamic_calibration (a real UR10e, 20 files):
 # in target current * torque constant - target moment, both are at the same speed on every joint
@@ -63,21 +63,13 @@ class Drivetrain:
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
         """Read the entries of a file, which are named like the fields. Raises DrivetrainError for a missing or invalid
         entry."""
-        return cls(**{field.name: _six(values, field.name) for field in fields(cls)})
+        found = converted({field.name: values.get(field.name) for field in fields(cls)}, cls, "", DrivetrainError)
+        for name, numbers in asdict(found).items():
+            if min(numbers) < 0.0 or (name in _POSITIVE and not all(numbers)):
+                limit = " above 0" if name in _POSITIVE else ", none of them negative"
+                raise DrivetrainError(f"{name} must be six numbers{limit}, not {numbers}")
+        return found
 
     def to_mapping(self) -> dict[str, list[float]]:
         """The entries of a file that `from_mapping` reads."""
         return {field.name: list(getattr(self, field.name)) for field in fields(self)}
-
-
-def _six(values: Mapping[str, Any], name: str) -> Vector6:
-    numbers = values.get(name)
-    if (
-        not isinstance(numbers, list | tuple)
-        or len(numbers) != 6
-        or not all(type(number) in (int, float) and isfinite(number) and number >= 0.0 for number in numbers)
-    ):
-        raise DrivetrainError(f"{name} must be six numbers, none of them negative, not {numbers!r}")
-    if name in _POSITIVE and not all(numbers):
-        raise DrivetrainError(f"{name} must be six numbers above 0, not {numbers!r}")
-    return as_six([float(number) for number in numbers])

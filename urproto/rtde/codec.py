@@ -11,12 +11,28 @@ Source: the RTDE guide, checked against the official Python and C++ clients.
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, get_args
+from functools import cache
+from typing import Annotated, Any, ClassVar, NamedTuple, get_args
 
-from urproto._wire import Reader, pack, short_text
+from urproto._wire import (
+    TO_THE_END,
+    Flag,
+    Layout,
+    Names,
+    Reader,
+    Rest,
+    ShortText,
+    SizedMessageDecoder,
+    UInt8,
+    UInt16,
+    decode_item,
+    encode_item,
+    marked_fields,
+    pack,
+)
 from urproto.compat import IntEnum, Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
-from urproto.rtde.recipes import Recipe, split_names
+from urproto.rtde.recipes import Recipe
 from urproto.text import from_bytes, to_bytes
 from urproto.versions import PolyscopeVersion
 
@@ -61,79 +77,54 @@ class Package(NamedTuple):
         return _HEADER.pack(size, self.type) + self.payload
 
 
-class RTDEDecoder:
-    """Splits a stream into packages; its chunks may be of any size.
+class RTDEDecoder(SizedMessageDecoder[Package]):
+    """Splits a stream into packages; its chunks may be of any size. A size below 3 is impossible."""
 
-    Never buffers more than one incomplete package (64 kB).
-    """
+    header = _HEADER
 
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self.error: RemoteProtocolError | None = None
+    def _size(self, *header: int) -> int:
+        size = header[0]
+        if size < _HEADER.size:
+            raise RemoteProtocolError(f"an RTDE package cannot have size {size}, its header alone has 3 bytes")
+        return size
 
-    def feed(self, data: bytes) -> list[Package]:
-        """Add bytes; returns the packages they complete.
+    def _decode(self, message: bytes) -> Package:
+        return Package(message[_HEADER.size - 1], message[_HEADER.size :])
 
-        A size below 3 is impossible: packages before it are still returned, and this call, or the next one if there
-        were any, raises RemoteProtocolError; ``error`` is set immediately. Such a stream cannot be resumed.
-        """
-        packages: list[Package] = []
-        if self.error is None:
-            self._buffer += data
-            start, end = 0, len(self._buffer)
-            while end - start >= _HEADER.size:
-                size, kind = _HEADER.unpack_from(self._buffer, start)
-                if size < _HEADER.size:
-                    self.error = RemoteProtocolError(
-                        f"an RTDE package cannot have size {size}, its header alone has 3 bytes"
-                    )
-                    break
-                if end - start < size:
-                    break
-                packages.append(Package(kind, bytes(self._buffer[start + _HEADER.size : start + size])))
-                start += size
-            del self._buffer[:start]
-        if self.error is not None:
-            self._buffer.clear()
-            if not packages:
-                raise self.error
-        return packages
+
+@cache
+def _layout_of(kind: Any, protocol: int) -> Layout:
+    """The fields in their order on the wire: what goes up to the end of a package comes last."""
+    there = [(name, form) for name, (form, *since) in marked_fields(kind) if protocol >= max(since, default=1)]
+    return tuple(sorted(there, key=lambda item: item[1] in TO_THE_END))
 
 
 class _Message:
-    """A package of a known type; each kind of message writes and reads its own payload."""
+    """A package of a known type. Fields that an early protocol does not have are marked with the first one that has."""
 
     __slots__ = ()
 
     package_type: ClassVar[PackageType]
 
+    @classmethod
+    def _layout(cls, protocol: int) -> Layout:
+        kind: Any = cls  # which mypy does not take to be hashable
+        return _layout_of(kind, protocol)
+
     def payload(self, protocol: int) -> bytes:
-        raise NotImplementedError
+        return b"".join([encode_item(form, getattr(self, name)) for name, form in self._layout(protocol)])
 
     def encode(self, protocol: int) -> bytes:
         return Package(self.package_type, self.payload(protocol)).encode()
 
-
-@dataclass(frozen=True, slots=True)
-class _Empty(_Message):
-    def payload(self, protocol: int) -> bytes:
-        return b""
-
     @classmethod
     def read(cls, reader: Reader, protocol: int) -> Self:
-        return cls()
+        return cls(**{name: decode_item(form, reader) for name, form in cls._layout(protocol)})
 
 
 @dataclass(frozen=True, slots=True)
 class _Answer(_Message):
-    accepted: bool
-
-    def payload(self, protocol: int) -> bytes:
-        return pack("?", self.accepted)
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        return cls(*reader.unpack("?"))
+    accepted: Flag
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,14 +132,7 @@ class RequestProtocol(_Message):
     """The client requests another protocol version."""
 
     package_type = PackageType.REQUEST_PROTOCOL_VERSION
-    version: int
-
-    def payload(self, protocol: int) -> bytes:
-        return pack("H", self.version)
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        return cls(*reader.unpack("H"))
+    version: UInt16
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +143,7 @@ class ProtocolReply(_Answer):
 
 
 @dataclass(frozen=True, slots=True)
-class GetVersion(_Empty):
+class GetVersion(_Message):
     """The client requests the controller's version."""
 
     package_type = PackageType.GET_URCONTROL_VERSION
@@ -186,21 +170,13 @@ class SetupOutputs(_Message):
     """The client chooses output variables and, from protocol 2 on, their frequency [Hz]."""
 
     package_type = PackageType.SETUP_OUTPUTS
-    names: tuple[str, ...]
-    frequency_hz: float | None = None
+    names: Names
+    frequency_hz: Annotated[float | None, "d", 2] = None
 
     def payload(self, protocol: int) -> bytes:
-        names = to_bytes(",".join(self.names))
-        if protocol == 1:
-            return names
-        if self.frequency_hz is None:
+        if protocol != 1 and self.frequency_hz is None:
             raise LocalProtocolError("protocol 2 requires a frequency in an output recipe")
-        return pack("d", self.frequency_hz) + names
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        frequency_hz = None if protocol == 1 else reader.unpack("d")[0]
-        return cls(split_names(from_bytes(reader.rest())), frequency_hz)
+        return _Message.payload(self, protocol)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,17 +184,8 @@ class SetupOutputsReply(_Message):
     """A type (or NOT_FOUND) for each requested name; protocol 1 has no recipe id."""
 
     package_type = PackageType.SETUP_OUTPUTS
-    types: tuple[str, ...]
-    recipe_id: int = 1
-
-    def payload(self, protocol: int) -> bytes:
-        head = b"" if protocol == 1 else pack("B", self.recipe_id)
-        return head + to_bytes(",".join(self.types))
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        recipe_id = 1 if protocol == 1 else reader.unpack("B")[0]
-        return cls(split_names(from_bytes(reader.rest())), recipe_id)
+    types: Names
+    recipe_id: Annotated[UInt8, 2] = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,14 +193,7 @@ class SetupInputs(_Message):
     """The client chooses input variables to write."""
 
     package_type = PackageType.SETUP_INPUTS
-    names: tuple[str, ...]
-
-    def payload(self, protocol: int) -> bytes:
-        return to_bytes(",".join(self.names))
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        return cls(split_names(from_bytes(reader.rest())))
+    names: Names
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,20 +201,12 @@ class SetupInputsReply(_Message):
     """A type, NOT_FOUND or IN_USE for each name; recipe id 0 when the recipe is refused."""
 
     package_type = PackageType.SETUP_INPUTS
-    types: tuple[str, ...]
-    recipe_id: int
-
-    def payload(self, protocol: int) -> bytes:
-        return pack("B", self.recipe_id) + to_bytes(",".join(self.types))
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        (recipe_id,) = reader.unpack("B")
-        return cls(split_names(from_bytes(reader.rest())), recipe_id)
+    types: Names
+    recipe_id: UInt8
 
 
 @dataclass(frozen=True, slots=True)
-class Start(_Empty):
+class Start(_Message):
     """The client requests that output data be sent."""
 
     package_type = PackageType.START
@@ -268,7 +220,7 @@ class StartReply(_Answer):
 
 
 @dataclass(frozen=True, slots=True)
-class Pause(_Empty):
+class Pause(_Message):
     """The client requests that output data stop."""
 
     package_type = PackageType.PAUSE
@@ -286,15 +238,8 @@ class InputData(_Message):
     """Values written by a client; Recipe.unpack decodes ``data``."""
 
     package_type = PackageType.DATA_PACKAGE
-    recipe_id: int
-    data: bytes
-
-    def payload(self, protocol: int) -> bytes:
-        return pack("B", self.recipe_id) + self.data
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        return cls(reader.unpack("B")[0], reader.rest())
+    recipe_id: UInt8
+    data: Rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,17 +247,8 @@ class OutputData(_Message):
     """Values sent by the controller; protocol 1 has no recipe id."""
 
     package_type = PackageType.DATA_PACKAGE
-    data: bytes
-    recipe_id: int = 1
-
-    def payload(self, protocol: int) -> bytes:
-        head = b"" if protocol == 1 else pack("B", self.recipe_id)
-        return head + self.data
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        recipe_id = 1 if protocol == 1 else reader.unpack("B")[0]
-        return cls(reader.rest(), recipe_id)
+    data: Rest
+    recipe_id: Annotated[UInt8, 2] = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,16 +256,9 @@ class ClientMessage(_Message):
     """A client's message for the controller's log; text and source are each cut at 255 bytes."""
 
     package_type = PackageType.TEXT_MESSAGE
-    text: str
-    source: str = ""
-    level: int = MessageLevel.INFO
-
-    def payload(self, protocol: int) -> bytes:
-        return short_text(self.text) + short_text(self.source) + pack("B", self.level)
-
-    @classmethod
-    def read(cls, reader: Reader, protocol: int) -> Self:
-        return cls(reader.short_text(), reader.short_text(), *reader.unpack("B"))
+    text: ShortText
+    source: ShortText = ""
+    level: UInt8 = MessageLevel.INFO
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,13 +266,13 @@ class TextMessage(_Message):
     """A message from the controller. In protocol 1, it has no source, and its text may be longer than 255 bytes."""
 
     package_type = PackageType.TEXT_MESSAGE
-    text: str
-    source: str = ""
-    level: int = MessageLevel.INFO
+    text: ShortText
+    source: ShortText = ""
+    level: UInt8 = MessageLevel.INFO
 
     def payload(self, protocol: int) -> bytes:
         if protocol != 1:
-            return ClientMessage(self.text, self.source, self.level).payload(protocol)
+            return _Message.payload(self, protocol)
         return pack("B", self.level) + to_bytes(self.text)
 
     @classmethod
@@ -377,10 +306,6 @@ def output_packer(recipe: Recipe, protocol: int, recipe_id: int = 1) -> Callable
     return recipe.packer(pack("HB", size, PackageType.DATA_PACKAGE) + head)
 
 
-def _describe(kind: int) -> str:
-    return PackageType(kind).name if kind in list(PackageType) else f"type {kind}"
-
-
 def decode_request(package: Package, protocol: int) -> Request:
     """Decode a package sent by a client while this protocol version was active.
 
@@ -389,13 +314,13 @@ def decode_request(package: Package, protocol: int) -> Request:
     """
     kind = _REQUESTS.get(package.type)
     if kind is None:
-        raise RemoteProtocolError(f"no RTDE package has {_describe(package.type)}")
-    return kind.read(Reader(package.payload, f"RTDE request {_describe(package.type)}"), protocol)
+        raise RemoteProtocolError(f"no RTDE package has type {package.type}")
+    return kind.read(Reader(package.payload, f"RTDE request {kind.package_type.name}"), protocol)
 
 
 def decode_reply(package: Package, protocol: int) -> Reply:
     """Decode a package sent by a controller; otherwise like decode_request."""
     kind = _REPLIES.get(package.type)
     if kind is None:
-        raise RemoteProtocolError(f"no RTDE package has {_describe(package.type)}")
-    return kind.read(Reader(package.payload, f"RTDE reply {_describe(package.type)}"), protocol)
+        raise RemoteProtocolError(f"no RTDE package has type {package.type}")
+    return kind.read(Reader(package.payload, f"RTDE reply {kind.package_type.name}"), protocol)

@@ -11,11 +11,6 @@ from urproto.rtde.types import NOT_FOUND, WIRE_TYPES
 from urproto.versions import Availability
 
 
-def split_names(text: str) -> tuple[str, ...]:
-    """The names in a set-up request. An empty last name is dropped, because ur_rtde appends a comma."""
-    return tuple(text.removesuffix(",").split(",")) if text else ()
-
-
 def type_names(names: Iterable[str], fields: Mapping[str, Field]) -> tuple[str, ...]:
     """The types for the reply to a set-up request; NOT_FOUND for an unknown name."""
     return tuple(fields[name].type.wire_name if name in fields else NOT_FOUND for name in names)
