@@ -5,6 +5,7 @@ The program trees and their editing are in `urscript.polyscope`.
 
 import json
 import subprocess
+from itertools import chain
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -14,16 +15,20 @@ from urproto.durable import write_file
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.text import from_bytes, readable, to_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urscript.polyscope.comparing import Change, differences
 from urscript.polyscope.document import DocumentError, Element, link, packed, read_document, write_document
 from urscript.polyscope.editing import Problem, ProgramEditor
-from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.folder import ProgramsFolder, read_file
 from urscript.polyscope.installation_file import InstallationFile, load_installation_file
 from urscript.polyscope.installation_sections import SettingError
 from urscript.polyscope.installation_settings import new_installation, set_driver_address
+from urscript.polyscope.lines import Line, read_lines
 from urscript.polyscope.saved_script import read_saved_script
 from urscript.polyscope.tree import TreeError
+from urscript.polyscope.urpx import UrpxError
 from urscript.work import run_to_end
 
+_ALWAYS_USED: Final = ("mounting", "payloads")  # parts of an installation
 _SYNTAX_ERROR: Final = "syntax error"
 _CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
 _CHECK_S: Final = 60.0  # guess: it usually takes one second
@@ -83,6 +88,46 @@ def open_program(path: Path, model: str | None = None, polyscope: str | None = N
         return ProgramEditor(root, path.stem, installation, version, arm, saved_script=saved, folder=folder)
     except (OSError, DocumentError, TreeError) as error:
         raise FileError(path, _reason(error)) from None
+
+
+def open_lines(path: Path) -> Line:
+    """The lines of any of PolyScope's files. Raises FileError."""
+    try:
+        return read_lines(read_file(path))
+    except (OSError, DocumentError, TreeError, UrpxError) as error:
+        raise FileError(path, _reason(error)) from None
+
+
+def compare_files(before: Path, after: Path) -> list[Change]:
+    """The changes between two files and, of two programs, between what they use of the installations next to them.
+
+    Raises FileError for a file that cannot be read, and ClientError for files of different kinds.
+    """
+    old, new = open_lines(before), open_lines(after)
+    if old.kind != new.kind:
+        raise ClientError(f"{before} is of the kind {old.kind} and {after} of the kind {new.kind}: compare equal kinds")
+    changes = differences(old, new)
+    if old.kind == "program":
+        first, second = _installation_lines(before), _installation_lines(after)
+        if first is not None and second is not None:
+            used = {value for _, line in chain(old.walk(), new.walk()) for value in line.content.values()}
+            changes += [change for change in differences(first, second) if _concerns(change, used)]
+    return changes
+
+
+def _installation_lines(path: Path) -> Line | None:
+    root = read_document(read_file(path))
+    folder = ProgramsFolder(path.absolute().parent)
+    found = folder.installation(root.get("installationRelativePath"), root.get("installation"))
+    return open_lines(found) if found is not None else None
+
+
+def _concerns(change: Change, used: set[str]) -> bool:
+    """Whether a change of an installation is one of something that programs with these values name, or all use."""
+    return any(
+        line is not None and line.parent is not None and (line.name in used or line.kind in _ALWAYS_USED)
+        for line in (change.before, change.after)
+    )
 
 
 def find_installation(root: Element, folder: ProgramsFolder) -> InstallationFile:

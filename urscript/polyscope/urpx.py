@@ -145,7 +145,7 @@ class _Application(SavedScript):
 
 def read_urpx(data: bytes) -> Urpx:
     """Read a program. Raises UrpxError."""
-    program, application = _parts(data)
+    program, application = urpx_parts(data)
     content = _object(program.get("programContent"), "program.programContent")
     saved = _object(program.get("urscript") or {}, "program.urscript")
     ids = saved.get("nodeIDList") or []
@@ -170,10 +170,11 @@ def read_urpx(data: bytes) -> Urpx:
 
 def read_information(data: bytes) -> UrpxInformation:
     """Read only the entry for a list of programs. Raises UrpxError."""
-    return _information(_parts(data)[0])
+    return _information(urpx_parts(data)[0])
 
 
-def _parts(data: bytes) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+def urpx_parts(data: bytes) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """The program and the application of a file, as JSON. Raises UrpxError."""
     if len(data) > _LARGEST:
         raise UrpxError(f"it has {len(data):,} bytes, and a program may have {_LARGEST:,}")
     try:

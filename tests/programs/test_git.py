@@ -1,0 +1,121 @@
+"""PolyScope's files under git: readable differences, by git itself."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+from editing_rig import E_SERIES, HOME, ZERO, editor, id_of
+from typer.testing import CliRunner
+
+from client.commands.git import git_app
+from client.commands.program import program_app
+from client.errors import URError
+from urproto.robots import kinematics_of, load_model
+from urscript.polyscope.document import packed, write_document
+from urscript.polyscope.editing import ROOT, ProgramEditor
+from urscript.polyscope.installation_settings import change_setting, new_installation
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+class Repository:
+    """A git repository that does not read this user's configuration."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self("init", "-b", "main")
+        self("config", "user.name", "Someone")
+        self("config", "user.email", "someone@example.com")
+
+    def __call__(self, *arguments: str, status: int = 0) -> str:
+        nobody = {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull, "GIT_EDITOR": "true"}
+        done = subprocess.run(
+            ["git", *arguments],
+            cwd=self.folder,
+            env={**os.environ, **nobody, "PYTHONPATH": str(REPOSITORY)},
+            capture_output=True,
+            encoding="utf-8",
+        )
+        assert done.returncode == status, done.stdout + done.stderr
+        return done.stdout
+
+    def save(self, name: str, contents: bytes, message: str = "") -> None:
+        (self.folder / name).write_bytes(contents)
+        if message:
+            self("add", "-A")
+            self("commit", "-m", message)
+
+
+@pytest.fixture
+def repository(tmp_path, monkeypatch):
+    repository = Repository(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert "4 lines added" in CliRunner().invoke(git_app, ["install"]).output
+    return repository
+
+
+def file_of(edited: ProgramEditor) -> bytes:
+    return packed(edited.document())
+
+
+def program() -> ProgramEditor:
+    """A program with a loop, waits, and a taught waypoint."""
+    made = editor(E_SERIES)
+    waypoint = made.insert("waypoint", into=ROOT)
+    made.teach(waypoint, HOME, kinematics_of(made.program.model).forward(HOME), ZERO)
+    loop = made.insert("loop", into=ROOT, values={"type": "Counting", "count": 2})
+    for time in (0.1, 0.2, 0.3, 0.4):
+        made.insert("wait", into=loop, values={"type": "Sleep", "time": time})
+    return made
+
+
+def test_git_shows_what_changed_by_node(repository):
+    made = program()
+    repository.save("p.urp", file_of(made), "Begin")
+    root = new_installation(E_SERIES, "default")
+    repository.save("default.installation", packed(write_document(root)), "Installation")
+    waypoint = id_of(made, "waypoint")
+    joints = (0.1, *HOME[1:])
+    made.teach(waypoint, joints, kinematics_of(load_model("ur5e")).forward(joints), ZERO)
+    repository.save("p.urp", file_of(made))
+    change_setting(root, "tcps", "TCP", {"pose": [0.0, 0.0, 0.15, 0.0, 0.0, 0.0]})
+    repository.save("default.installation", packed(write_document(root)))
+    changed = [line for line in repository("diff", "-U0").splitlines() if line[:1] in "+-" and line[:3] not in "+++---"]
+    assert len(changed) == 4, changed
+    assert "Position and rotation: [0, 0, 150, 0, 0, 0] mm" in changed[1]
+    assert "Waypoint_1 | Type: Fixed position | Position: [5.730, -85.944, 85.944," in changed[3]
+    repository("commit", "-am", "Teach")
+    repository.save("p.urp", b"\x1f\x8bnothing", "Break it")
+    assert "(not readable: " in repository("log", "-p", "-1")
+    assert CliRunner().invoke(git_app, ["uninstall"]).output.endswith("4 lines removed\n")
+    assert "Binary files" in repository("diff", "HEAD~1", "HEAD", "--", "p.urp")
+    assert "polyscope" not in repository("config", "--local", "--list")
+
+
+def test_diff_lists_added_removed_moved_and_changed_nodes(tmp_path):
+    made = program()
+    (tmp_path / "a.urp").write_bytes(file_of(made))
+    loop, first = id_of(made, "loop"), id_of(made, "wait")
+    waits = [row.id for row in made.rows() if row.kind == "wait"]
+    made.set(first, "time", 9)
+    made.delete(waits[1])
+    made.move(waits[3], before=loop)
+    made.insert("comment", into=loop, values={"comment": "new"})
+    (tmp_path / "b.urp").write_bytes(file_of(made))
+    arguments = ["diff", str(tmp_path / "a.urp"), str(tmp_path / "b.urp")]
+    assert CliRunner().invoke(program_app, arguments).output.splitlines() == [
+        "moved: Robot Program > Wait: 0.4",
+        "removed: Robot Program > Loop 2 times > Wait: 0.2 | Wait for: A time | Time: 0.2 s",
+        "changed: Robot Program > Loop 2 times > Wait: 9.0",
+        "  title: Wait: 0.1 -> Wait: 9.0",
+        "  Time: 0.1 s -> 9.0 s",
+        "added: Robot Program > Loop 2 times > Comment 'new'",
+    ]
+    found = json.loads(CliRunner().invoke(program_app, [*arguments, "--json"]).output)
+    assert [change["how"] for change in found] == ["moved", "removed", "changed", "added"]
+    assert found[2]["values"]["Time"] == ["0.1 s", "9.0 s"]
+    (tmp_path / "c.installation").write_bytes(write_document(new_installation(E_SERIES)))
+    with pytest.raises(URError, match="compare equal kinds"):
+        raise CliRunner().invoke(program_app, ["diff", arguments[1], str(tmp_path / "c.installation")]).exception
