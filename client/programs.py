@@ -23,6 +23,7 @@ from urscript.polyscope.installation_file import InstallationFile, load_installa
 from urscript.polyscope.installation_sections import SettingError
 from urscript.polyscope.installation_settings import new_installation, set_driver_address
 from urscript.polyscope.lines import Line, read_lines
+from urscript.polyscope.merging import merge_files
 from urscript.polyscope.saved_script import read_saved_script
 from urscript.polyscope.tree import TreeError
 from urscript.polyscope.urpx import UrpxError
@@ -113,6 +114,22 @@ def compare_files(before: Path, after: Path) -> list[Change]:
             used = {value for _, line in chain(old.walk(), new.walk()) for value in line.content.values()}
             changes += [change for change in differences(first, second) if _concerns(change, used)]
     return changes
+
+
+def merge_into(base: Path, ours: Path, theirs: Path) -> list[str]:
+    """Merge their changes since the base into our file, and return the conflicts. Raises FileError.
+
+    A file that cannot be read or merged is one conflict, and ours stays as it is.
+    """
+    try:
+        merged = merge_files(*map(read_file, (base, ours, theirs)))
+    except (OSError, DocumentError, TreeError, UrpxError) as error:
+        return [f"it cannot be merged, and stays as it is in ours: {_reason(error)}"]
+    try:
+        write_file(ours, merged.data)
+    except OSError as error:
+        raise FileError(ours, _reason(error)) from None
+    return merged.conflicts
 
 
 def _installation_lines(path: Path) -> Line | None:

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 import typer
 
 from client.errors import ClientError
-from client.programs import open_lines
+from client.programs import merge_into, open_lines
 from urproto.commandline import application
 from urproto.compat import module_command
 from urproto.durable import write_file
@@ -17,7 +17,7 @@ from urscript.polyscope.files import INDENT
 
 _SUFFIXES: Final = (".urp", ".installation", ".variables", ".urpx")
 _DRIVER: Final = "polyscope"
-_ATTRIBUTES: Final = [f"*{suffix} -text diff={_DRIVER}" for suffix in _SUFFIXES]
+_ATTRIBUTES: Final = [f"*{suffix} -text diff={_DRIVER} merge={_DRIVER}" for suffix in _SUFFIXES]
 
 git_app = application(
     "Read, compare and merge PolyScope's files in a git repository.", completion=False, no_args_is_help=True
@@ -30,9 +30,9 @@ _Global = Annotated[
 
 @git_app.command("install")
 def install_command(everywhere: _Global = False) -> None:
-    """Make git show PolyScope's files by their nodes, in the repository of the current folder.
+    """Make git show and merge PolyScope's files by their nodes, in the repository of the current folder.
 
-    It adds four lines to .gitattributes, to be committed, and a command to the repository's configuration, which
+    It adds four lines to .gitattributes, to be committed, and two commands to the repository's configuration, which
     git does not copy: everyone who works in a clone runs this once.
     """
     attributes = _attributes_file()
@@ -40,6 +40,8 @@ def install_command(everywhere: _Global = False) -> None:
     command = shlex.join([Path(python).as_posix(), *rest])  # git runs it with a POSIX shell, on Windows as well
     for key, value in {
         f"diff.{_DRIVER}.textconv": f"{command} git show",
+        f"merge.{_DRIVER}.name": "PolyScope's files by node",
+        f"merge.{_DRIVER}.driver": f"{command} git merge %O %A %B %P",
     }.items():
         _git("config", _scope(everywhere), key, value)
     lines = _lines(attributes)
@@ -52,7 +54,7 @@ def install_command(everywhere: _Global = False) -> None:
 def uninstall_command(everywhere: _Global = False) -> None:
     """Undo `install`."""
     attributes = _attributes_file()
-    for section in ("diff",):
+    for section in ("diff", "merge"):
         _git("config", _scope(everywhere), "--remove-section", f"{section}.{_DRIVER}", check=False)
     lines = _lines(attributes)
     kept = [line for line in lines if line not in _ATTRIBUTES]
@@ -71,6 +73,25 @@ def show_command(path: Annotated[Path, typer.Argument(help="The file that git pr
             typer.echo(f"{INDENT * depth}{line.text}")
     except ClientError as error:
         typer.echo(f"(not readable: {str(error).removeprefix(f'{path}: ')})")
+
+
+@git_app.command("merge")
+def merge_command(
+    base: Annotated[Path, typer.Argument(help="The common earlier version.")],
+    ours: Annotated[Path, typer.Argument(help="Our version, which the result replaces.")],
+    theirs: Annotated[Path, typer.Argument(help="Their version.")],
+    name: Annotated[str, typer.Argument(help="The file's name, for messages.")] = "",
+) -> None:
+    """Merge two versions of a file by node, as git's merge driver. Exit status 1 for conflicts.
+
+    The result can always be opened: where both versions changed the same, it has ours, and a program also theirs, as a
+    suppressed node or in a comment that begins with MERGE CONFLICT.
+    """
+    conflicts = merge_into(base, ours, theirs)
+    for conflict in conflicts:
+        typer.echo(f"{name or ours}: {conflict}", err=True)
+    if conflicts:
+        raise typer.Exit(1)
 
 
 def _scope(everywhere: bool) -> str:

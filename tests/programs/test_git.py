@@ -2,7 +2,9 @@
 
 import json
 import os
+import shlex
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,7 @@ from urproto.robots import kinematics_of, load_model
 from urscript.polyscope.document import packed, write_document
 from urscript.polyscope.editing import ROOT, ProgramEditor
 from urscript.polyscope.installation_settings import change_setting, new_installation
+from urscript.polyscope.lines import read_lines
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -92,6 +95,49 @@ def test_git_shows_what_changed_by_node(repository):
     assert CliRunner().invoke(git_app, ["uninstall"]).output.endswith("4 lines removed\n")
     assert "Binary files" in repository("diff", "HEAD~1", "HEAD", "--", "p.urp")
     assert "polyscope" not in repository("config", "--local", "--list")
+
+
+def test_git_merges_rebases_and_bisects(repository):
+    """Two branches change different nodes; then the same, which is a conflict with a file that can be opened."""
+    made = program()
+    repository.save("p.urp", file_of(made), "Begin")
+    waits = [row.id for row in made.rows() if row.kind == "wait"]
+
+    def branch(name: str, start: str, *edits: tuple[str, float]) -> None:
+        repository("checkout", "-b", name, start)
+        for wait, time in edits:
+            made.set(wait, "time", time)
+            repository.save("p.urp", file_of(made), f"{wait} waits {time}")
+        for _ in edits:
+            made.undo()
+
+    def times() -> list[float]:
+        data = (repository.folder / "p.urp").read_bytes()
+        return [line.values["Time"] for _, line in read_lines(data).walk() if line.kind == "Wait"]
+
+    branch("left", "main", (waits[0], 5.0))
+    branch("right", "main", (waits[2], 6.0), (waits[3], 7.0))
+    repository("merge", "left", "-m", "Merge")
+    assert times() == ["5.0 s", "0.2 s", "6.0 s", "7.0 s"]
+    assert not repository("log", "--merges", "-p", "--format=%s").splitlines()[1:]
+    branch("other", "main", (waits[1], 8.0))
+    branch("again", "main", (waits[2], 9.0))
+    repository("rebase", "other")
+    assert times() == ["0.1 s", "8.0 s", "9.0 s", "0.4 s"]
+    repository("bisect", "start", "again", "main")
+    run = f"{shlex.quote(sys.executable)} -m client git show p.urp | grep -q 'Wait: 0.2'"
+    assert "waits 8.0" in repository("bisect", "run", "sh", "-c", run)
+    repository("bisect", "reset")
+    repository("merge", "right", status=1)
+    shown = times()
+    assert shown == ["5.0 s", "8.0 s", "9.0 s", "6.0 s", "7.0 s"], shown
+    assert "MERGE CONFLICT" in (repository("diff", "HEAD", "--", "p.urp"))
+    assert "p.urp" in repository("diff", "--name-only", "--diff-filter=U")
+    repository("merge", "--abort")
+    repository("checkout", "-b", "broken", "left")
+    repository.save("p.urp", b"\x1f\x8bnothing", "Break it")
+    repository("merge", "right", status=1)
+    assert (repository.folder / "p.urp").read_bytes() == b"\x1f\x8bnothing"
 
 
 def test_diff_lists_added_removed_moved_and_changed_nodes(tmp_path):
