@@ -14,10 +14,11 @@ from urproto.compat import module_command
 from urproto.durable import write_file
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.text import from_bytes, readable, to_bytes
-from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.versions import PolyscopeVersion
 from urscript.polyscope.comparing import Change, differences
 from urscript.polyscope.document import DocumentError, Element, link, packed, read_document, write_document
 from urscript.polyscope.editing import Problem, ProgramEditor
+from urscript.polyscope.files import SCRIPT_SUFFIX
 from urscript.polyscope.folder import ProgramsFolder, read_file
 from urscript.polyscope.installation_file import InstallationFile, load_installation_file
 from urscript.polyscope.installation_sections import SettingError
@@ -25,6 +26,7 @@ from urscript.polyscope.installation_settings import new_installation, set_drive
 from urscript.polyscope.lines import Line, read_lines
 from urscript.polyscope.merging import merge_files
 from urscript.polyscope.saved_script import read_saved_script
+from urscript.polyscope.stale import saved_in, stale_nodes
 from urscript.polyscope.tree import TreeError
 from urscript.polyscope.urpx import UrpxError
 from urscript.work import run_to_end
@@ -63,14 +65,6 @@ def controller(model: str | None, polyscope: str | None) -> tuple[RobotModel, Po
         return arm, choose_version(polyscope, arm)
     except ValueError as error:
         raise ClientError(str(error)) from None
-
-
-def saved_in(root: Element) -> PolyscopeVersion:
-    """The PolyScope version that last saved a program; the default version if the file does not say."""
-    try:
-        return PolyscopeVersion.parse(root.get("lastSavedIn"))
-    except ValueError:
-        return DEFAULT_VERSION[Series.CB3]
 
 
 def open_program(path: Path, model: str | None = None, polyscope: str | None = None) -> ProgramEditor:
@@ -209,6 +203,32 @@ def all_problems(editor: ProgramEditor) -> list[Problem]:
         Problem(editor.node_of(author) if (author := authors[min(line, len(authors)) - 1]) else "", message)
         for line, message in errors
     ]
+
+
+def stale_problems(editor: ProgramEditor, path: Path) -> list[Problem]:
+    """Where the script next to a program was saved from another state of it, or of its installation."""
+    script = path.with_suffix(SCRIPT_SUFFIX)
+    if not script.is_file():
+        return []
+    nodes = {line.number: editor.node_of(line.element) for line in editor.tree.lines}
+    found = stale_nodes(editor.tree, editor.installation, from_bytes(script.read_bytes()))
+    return [Problem(nodes.get(each.number, ""), each.message) for each in found]
+
+
+def report_of(path: Path, form: str, model: str | None, polyscope: str | None) -> tuple[int, str]:
+    """What ``urscript check`` reports about a program in one of its formats, and its exit status.
+
+    Raises CheckerError.
+    """
+    options = [*(["--model", model] if model else []), *(["--polyscope", polyscope] if polyscope else [])]
+    command = [*module_command("urscript"), "check", f"--format={form}", "--strict", *options, str(path)]
+    try:
+        ran = subprocess.run(command, capture_output=True, timeout=_CHECK_S)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise CheckerError(f"urscript check: {error}") from None
+    if ran.returncode not in _CHECKED:
+        raise CheckerError(readable(from_bytes(ran.stderr)).strip() or str(ran.returncode))
+    return ran.returncode, from_bytes(ran.stdout)
 
 
 def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]]:

@@ -13,7 +13,9 @@ from client.programs import (
     find_installation,
     open_lines,
     open_program,
+    report_of,
     set_driver,
+    stale_problems,
 )
 from urproto.commandline import AsJson, application, print_json
 from urscript.polyscope.comparing import change_lines
@@ -125,10 +127,24 @@ def diff_command(before: _File, after: _File, as_json: AsJson = False) -> None:
 
 
 @program_app.command("check")
-def check_command(path: _Program, model: Model = None, polyscope: Polyscope = None) -> None:
-    """Report what keeps a program from running: in its nodes, then in its script. Exit status 1 for any problem."""
+def check_command(
+    path: _Program,
+    model: Model = None,
+    polyscope: Polyscope = None,
+    form: Annotated[
+        str, typer.Option("--format", help="How problems are reported: text, json, sarif or github (annotations).")
+    ] = "text",
+) -> None:
+    """Report what keeps a program from running, and whether the script next to it is from another state of it.
+
+    Other formats than text are those of `urscript check`, with its rules. Exit status 1 for any problem.
+    """
+    if form != "text":
+        status, report = report_of(path, form, model, polyscope)
+        typer.echo(report, nl=False)
+        raise typer.Exit(status)
     editor = open_program(path, model, polyscope)
-    problems = all_problems(editor)
+    problems = all_problems(editor) or stale_problems(editor, path)
     lines = {row.id: row for row in editor.rows()}
     for problem in problems:
         row = lines.get(problem.node)

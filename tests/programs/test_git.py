@@ -17,6 +17,7 @@ from client.errors import URError
 from urproto.robots import kinematics_of, load_model
 from urscript.polyscope.document import packed, write_document
 from urscript.polyscope.editing import ROOT, ProgramEditor
+from urscript.polyscope.files import save_program
 from urscript.polyscope.installation_settings import change_setting, new_installation
 from urscript.polyscope.lines import read_lines
 
@@ -165,3 +166,35 @@ def test_diff_lists_added_removed_moved_and_changed_nodes(tmp_path):
     (tmp_path / "c.installation").write_bytes(write_document(new_installation(E_SERIES)))
     with pytest.raises(URError, match="compare equal kinds"):
         raise CliRunner().invoke(program_app, ["diff", arguments[1], str(tmp_path / "c.installation")]).exception
+
+
+def test_check_finds_a_script_of_another_state(tmp_path):
+    """Speeds, times and positions count, also those of the installation; how numbers are written does not."""
+    path = tmp_path / "p.urp"
+    made = program()
+    save_program(made, path)
+
+    def check(*options: str) -> tuple[int, str]:
+        done = CliRunner().invoke(program_app, ["check", str(path), *options])
+        return done.exit_code, done.output
+
+    assert check() == (0, f"{path}: no problems found for PolyScope {E_SERIES}\n")
+    script = path.with_suffix(".script")
+    written = script.read_text()
+    script.write_text(written.replace("sleep(0.1)", "sleep( 0.1000 )").replace("  $ ", "  step_count_1=2\n  $ "))
+    assert check()[0] == 0
+    made.set(id_of(made, "wait"), "time", 7)
+    joints = (0.1, *HOME[1:])
+    made.teach(id_of(made, "waypoint"), joints, kinematics_of(load_model("ur5e")).forward(joints), ZERO)
+    path.write_bytes(file_of(made))
+    status, output = check()
+    what = "the saved script is from another state: it has"
+    assert status == 1
+    assert [line.removeprefix(f"{path}").split(": ", 1)[0] for line in output.splitlines()] == ["", "", ":6"]
+    assert output.splitlines()[2] == f"{path}:6: Wait: 7.0: {what} sleep(0.1), not sleep(7)"
+    assert f"{what} Waypoint_1_q=[0,-1.5," in output
+    status, output = check("--format", "sarif")
+    results = json.loads(output)["runs"][0]["results"]
+    assert (status, [result["ruleId"] for result in results]) == (1, ["URS108"] * 2)  # one for a line
+    assert results[1]["locations"][0]["physicalLocation"]["region"]["startLine"] == 6
+    assert "title=URS108 stale-script" in check("--format", "github")[1]
