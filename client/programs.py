@@ -7,7 +7,7 @@ import json
 import subprocess
 from itertools import chain
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from client.errors import ClientError, FileError
 from urproto.compat import module_command
@@ -17,7 +17,7 @@ from urproto.text import from_bytes, readable, to_bytes
 from urproto.versions import PolyscopeVersion
 from urscript.polyscope.comparing import Change, differences
 from urscript.polyscope.document import DocumentError, Element, link, packed, read_document, write_document
-from urscript.polyscope.editing import Problem, ProgramEditor
+from urscript.polyscope.editing import Problem, ProgramEditor, Row
 from urscript.polyscope.files import SCRIPT_SUFFIX
 from urscript.polyscope.folder import ProgramsFolder, read_file
 from urscript.polyscope.installation_file import InstallationFile, load_installation_file
@@ -27,8 +27,8 @@ from urscript.polyscope.lines import Line, read_lines
 from urscript.polyscope.merging import merge_files
 from urscript.polyscope.saved_script import read_saved_script
 from urscript.polyscope.stale import saved_in, stale_nodes
-from urscript.polyscope.tree import TreeError
-from urscript.polyscope.urpx import UrpxError
+from urscript.polyscope.tree import TreeError, is_external_control, tag_of
+from urscript.polyscope.urpx import UrpxError, counterpart
 from urscript.work import run_to_end
 
 _ALWAYS_USED: Final = ("mounting", "payloads")  # parts of an installation
@@ -203,6 +203,38 @@ def all_problems(editor: ProgramEditor) -> list[Problem]:
         Problem(editor.node_of(author) if (author := authors[min(line, len(authors)) - 1]) else "", message)
         for line, message in errors
     ]
+
+
+class Conversion(NamedTuple):
+    """What becomes of a node in PolyScope X. how: node, script or nothing. note: which node, or why not."""
+
+    row: Row
+    how: Literal["node", "script", "nothing"]
+    note: str
+
+
+def conversions(editor: ProgramEditor) -> list[Conversion]:
+    """What becomes of the nodes of a program in the version of PolyScope X that it was opened for.
+
+    Raises CheckerError if its script cannot be checked.
+    """
+    problems = {problem.node: problem.message for problem in reversed(all_problems(editor))}
+    found = []
+    for row, line in zip(editor.rows(), editor.tree.lines, strict=True):
+        element = line.element
+        note = problems.get(row.id, "")
+        if is_external_control(element):
+            note = "it needs the URCapX of External Control, which has its own node"
+        elif tag_of(element) == "Contributed":
+            note = "URCaps of PolyScope 5 do not run on PolyScope X; install its URCapX, if there is one"
+        if row.suppressed:
+            found.append(Conversion(row, "nothing", "suppressed"))
+        elif note:
+            found.append(Conversion(row, "nothing", note))
+        else:
+            node = counterpart(element)
+            found.append(Conversion(row, "node" if node else "script", node))
+    return found
 
 
 def stale_problems(editor: ProgramEditor, path: Path) -> list[Problem]:

@@ -10,6 +10,7 @@ from client.programs import (
     all_problems,
     compare_files,
     controller,
+    conversions,
     find_installation,
     open_lines,
     open_program,
@@ -25,6 +26,7 @@ from urscript.polyscope.files import INDENT, PROGRAM_SUFFIX, export, new_program
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.tree import TreeError
 
+_POLYSCOPE_X = "10.12"  # whose program files are known (urscript.polyscope.urpx)
 DRIVER_PORT = 50002  # the URCap's default
 
 program_app = application(
@@ -152,6 +154,35 @@ def check_command(
     if problems:
         raise typer.Exit(1)
     typer.echo(f"{path}: no problems found for PolyScope {editor.version}")
+
+
+@program_app.command("convert")
+def convert_command(
+    path: _Program,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Also write the URScript that runs there, a .script file.")
+    ] = None,
+    polyscope: Annotated[str, typer.Option(help="The version of PolyScope X.")] = _POLYSCOPE_X,
+    as_json: AsJson = False,
+) -> None:
+    """Report what of a program goes to PolyScope X: which nodes as nodes, which only as URScript, and which do not.
+
+    Exit status 1 if a node does not. TCPs, features, inputs and outputs have to be created in its application.
+    """
+    editor = open_program(path, None, polyscope)
+    if not editor.version.is_polyscope_x:
+        raise ClientError(f"PolyScope {editor.version} is not PolyScope X: name a version from 10.7 on")
+    found = conversions(editor)
+    lost = [each for each in found if each.how == "nothing" and not each.row.suppressed]
+    if as_json:
+        print_json([{"number": e.row.number, "title": e.row.title, "how": e.how, "note": e.note} for e in found])
+    else:
+        for each in found:
+            typer.echo(f"{each.how:<7} {INDENT * each.row.depth}{each.row.title}{f'  ({each.note})' * bool(each.note)}")
+    if output is not None:
+        _export(editor, output)
+    if lost:
+        raise typer.Exit(1)
 
 
 @program_app.command("export")

@@ -9,12 +9,16 @@ from pathlib import Path
 
 import pytest
 from editing_rig import E_SERIES, HOME, ZERO, editor, id_of
+from tree_rig import Arm
 from typer.testing import CliRunner
 
 from client.commands.git import git_app
 from client.commands.program import program_app
 from client.errors import URError
+from emulator.commands.requests import ScriptUnit
+from urproto.modes import RuntimeState
 from urproto.robots import kinematics_of, load_model
+from urproto.versions import PolyscopeVersion
 from urscript.polyscope.document import packed, write_document
 from urscript.polyscope.editing import ROOT, ProgramEditor
 from urscript.polyscope.files import save_program
@@ -198,3 +202,35 @@ def test_check_finds_a_script_of_another_state(tmp_path):
     assert (status, [result["ruleId"] for result in results]) == (1, ["URS108"] * 2)  # one for a line
     assert results[1]["locations"][0]["physicalLocation"]["region"]["startLine"] == 6
     assert "title=URS108 stale-script" in check("--format", "github")[1]
+
+
+def test_convert_says_what_goes_to_polyscope_x_by_node(tmp_path):
+    """Waits as nodes, motions as URScript, nodes of URCaps not; the script runs on an arm with that version."""
+    path, script = tmp_path / "p.urp", tmp_path / "x.script"
+    made = program()
+    made.set(id_of(made, "robot_program"), "loops", False)
+    suppressed = made.insert("comment", into=ROOT, values={"comment": "no"})
+    made.suppress(suppressed)
+    path.write_bytes(file_of(made))
+    done = CliRunner().invoke(program_app, ["convert", str(path), "-o", str(script)])
+    assert done.exit_code == 0, done.output
+    assert [" ".join(line.split()) for line in done.output.splitlines()] == [
+        "script Variables Setup",
+        "node Robot Program (ur-code)",
+        "script MoveJ",
+        "script Waypoint_1",
+        "script Loop 2 times",
+        *(f"node Wait: {time} (ur-wait)" for time in (0.1, 0.2, 0.3, 0.4)),
+        "nothing 'no' (suppressed)",
+    ]
+    arm = Arm(tmp_path, version=PolyscopeVersion(10, 12))
+    arm.controller.post(ScriptUnit(script.read_text(), "block"))
+    arm.until(lambda: arm.state is RuntimeState.PLAYING)
+    arm.until(lambda: arm.state is RuntimeState.STOPPED)
+    made.insert("external_control", into=ROOT)
+    path.write_bytes(file_of(made))
+    done = CliRunner().invoke(program_app, ["convert", str(path), "--json"])
+    assert done.exit_code == 1
+    assert "URCapX" in json.loads(done.output)[-1]["note"]
+    with pytest.raises(URError, match="not PolyScope X"):
+        raise CliRunner().invoke(program_app, ["convert", str(path), "--polyscope", "5.22"]).exception

@@ -17,7 +17,7 @@ from urproto.text import from_bytes, lines
 from urscript.polyscope.document import Element, make
 from urscript.polyscope.outline import OutlineNode
 from urscript.polyscope.saved_script import SavedScript
-from urscript.polyscope.tree import ProgramTree, TreeError
+from urscript.polyscope.tree import ProgramTree, TreeError, tag_of
 from urscript.work import Steps
 
 SUFFIX: Final = ".urpx"
@@ -283,6 +283,14 @@ def _elements(node: Node) -> list[Element]:
 
 def _children(node: Node) -> Element:
     return make("children", *(element for child in node.children for element in _elements(child)))
+
+
+def counterpart(element: Element) -> str:
+    """The node of PolyScope X for a node of an older program; empty for one without a counterpart that is known."""
+    sleeps = tag_of(element) == "Wait" and element.get("type") == "Sleep"
+    starts = tag_of(element) == "SpecialSequence" and element.get("type") == "BeforeStart"
+    names = {"MainProgram": "ur-code", "Wait": "ur-wait" * sleeps, "SpecialSequence": "ur-before-start" * starts}
+    return names.get(tag_of(element), "")
 
 
 @_node_type("ur-modules")
