@@ -15,11 +15,12 @@ from client.programs import (
     open_lines,
     open_program,
     report_of,
+    save_page,
     set_driver,
     stale_problems,
 )
 from urproto.commandline import AsJson, application, print_json
-from urscript.polyscope.comparing import change_lines
+from urscript.polyscope.comparing import change_lines, change_page
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.editing import ProgramEditor
 from urscript.polyscope.files import INDENT, PROGRAM_SUFFIX, export, new_program, save_program
@@ -115,7 +116,14 @@ def show_command(
 
 
 @program_app.command("diff")
-def diff_command(before: _File, after: _File, as_json: AsJson = False) -> None:
+def diff_command(
+    before: _File,
+    after: _File,
+    as_json: AsJson = False,
+    page: Annotated[
+        Path | None, typer.Option("--html", help="Write a page for browsers instead, to this file.")
+    ] = None,
+) -> None:
     """Print which nodes or settings were added, removed, moved and changed between two files of the same kind.
 
     If both files are programs, the installations next to them are compared as well, for what the programs use of them.
@@ -123,6 +131,9 @@ def diff_command(before: _File, after: _File, as_json: AsJson = False) -> None:
     changes = compare_files(before, after)
     if as_json:
         print_json([change.as_dict() for change in changes])
+        return
+    if page is not None:
+        save_page(page, change_page(changes, str(before), str(after)))
         return
     for line in change_lines(changes):
         typer.echo(line)

@@ -238,5 +238,32 @@ def test_installations_variables_and_programs_of_polyscope_x_merge_by_setting():
     merged = merge_files(b"#t\na=1\nb=2\n", b"#t\na=5\nb=2\n", b"#t\nb=3\nc=4\n")
     assert merged.conflicts == ["variables.a: 'a=5' in ours, - in theirs"]
     assert merged.data == b"#t\na=5\nb=3\nc=4\n"
+    with pytest.raises(DocumentError, match="both versions have a new file"):
+        merge_files(b"", changed(tcp), base)
     with pytest.raises(DocumentError, match="different kinds: installation, program"):
         merge_files(base, changed(tcp), large_program())
+
+
+def test_waypoints_of_one_name_keep_one_position():
+    """Ours teaches a position anew, theirs uses its name once more: both nodes go to the new one."""
+    base = large_program()
+    ours, theirs = opened(base), opened(base)
+    name = next(row.title for row in ours.rows() if row.kind == "waypoint")
+    teach(ours, next(row.id for row in ours.rows() if row.title == name), 0.7)
+    clip = theirs.copy(next(row.id for row in theirs.rows() if row.title == name))
+    theirs.paste(clip, into=next(row.id for row in theirs.rows() if row.kind == "thread"))
+    for pair in ((ours, theirs), (theirs, ours)):
+        merged = merge_files(base, *(packed(made.document()) for made in pair))
+        assert not merged.conflicts
+        points = [line for _, line in read_lines(merged.data).walk() if line.name == name]
+        assert [line.values["Position"].split(",")[0] for line in points] == ["[40.107"] * 2
+
+
+def test_a_subprogram_that_theirs_deleted_and_ours_calls_is_kept():
+    base = large_program()
+    ours, theirs = opened(base), opened(base)
+    theirs.delete(next(row.id for row in theirs.rows() if row.kind == "subprogram"))
+    ours.insert("call", into=ROOT, values={"subprogram": "SubProgram_1"})
+    merged = merge_files(base, packed(ours.document()), packed(theirs.document()))
+    assert merged.conflicts == ["SubProgram_1: theirs deleted it, ours calls it"]
+    assert not opened(merged.data).problems()

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
+from html import escape
 from itertools import chain
 from typing import Any, Final, Literal
 
@@ -15,6 +16,10 @@ from urscript.polyscope.lines import Line
 
 How = Literal["added", "removed", "moved", "changed", "moved and changed"]
 _VOLATILE: Final = ("lastSavedIn", "lastSavedInPolycopeProgramVersion")
+_PAGE: Final = """<!doctype html><html lang="en"><meta charset="utf-8"><title>TITLE</title>
+<style>body{font:15px system-ui;margin:2em}td{padding:.3em .8em;vertical-align:top;border-top:1px solid #ccc}
+.added td:first-child,ins{color:#060;background:#dfd}.removed td:first-child,del{color:#900;background:#fdd}</style>
+<h1>TITLE</h1>"""
 Matches = dict[Line, Line]
 """The later version of each earlier line that still exists."""
 
@@ -194,6 +199,25 @@ def _uniquely_named(line: Line) -> Hashable | None:
 
 def _kind(line: Line) -> Hashable | None:
     return line.kind if not line.name or line.spot is not None else None
+
+
+def change_page(changes: Sequence[Change], before: str, after: str) -> str:
+    """The changes as a page for browsers, which needs nothing else. before, after: names of the files."""
+    rows = []
+    for change in changes:
+        line = change.after or change.before
+        assert line is not None
+        shown = [f"<b>{escape(line.title)}</b>"]
+        if change.how in ("added", "removed"):
+            shown += [f"{escape(key)}: {escape(value)}" for key, value in line.values.items()]
+        for key, pair in change.values.items():
+            old, new = (escape(value or "-") for value in pair)
+            shown.append(f"{escape(key or 'title')}: <del>{old}</del> <ins>{new}</ins>")
+        path = escape(" > ".join(change.path))
+        rows.append(f'<tr class="{change.how}"><td>{change.how}<td>{path}<td>{"<br>".join(shown)}')
+    title = f"{escape(before)} and {escape(after)}"
+    table = "\n".join(rows) or "<tr><td>no differences"
+    return f"{_PAGE.replace('TITLE', title)}\n<table>\n{table}\n</table>\n"
 
 
 def change_lines(changes: Sequence[Change]) -> Iterator[str]:

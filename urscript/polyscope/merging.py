@@ -13,10 +13,21 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from urscript.polyscope.comparing import Matches, match_lines, moved_lines
-from urscript.polyscope.document import DocumentError, Element, link, make, packed, read_document, write_document
+from urscript.polyscope.document import (
+    Changes,
+    DocumentError,
+    Element,
+    link,
+    make,
+    packed,
+    read_document,
+    write_document,
+)
 from urscript.polyscope.lines import Line, object_key, program_lines, read_lines
 from urscript.polyscope.merging_values import ElementMerge, merge_json, merge_properties
+from urscript.polyscope.nodes.waypoints import TAUGHT
 from urscript.polyscope.places import INNER, SUPPRESSED
+from urscript.polyscope.surroundings import ORDERS
 from urscript.polyscope.transplant import clipped
 
 _GZIP: Final = b"\x1f\x8b"
@@ -39,6 +50,8 @@ def merge_files(base: bytes, ours: bytes, theirs: bytes) -> Merged:
         return Merged(ours, [])
     if ours == base:
         return Merged(theirs, [])
+    if not base:
+        raise DocumentError("both versions have a new file of this name: keep one of them")
     kinds = {read_lines(version).kind for version in (base, ours, theirs)}
     if len(kinds) > 1:
         raise DocumentError(f"the versions are of different kinds: {', '.join(sorted(kinds))}")
@@ -121,6 +134,7 @@ class _ProgramMerge:
         self._arrange()
         self._delete()
         self._merge_contents()
+        self._teach_the_same()
         self._write()
         return self._conflicts
 
@@ -315,10 +329,19 @@ class _ProgramMerge:
             key = self._o.matches.get(old)
             if key is None or old in self._t.matches:
                 continue
-            if (self._below[key] or _own(old) != _own(key)) and key.kind != _EMPTY:
-                self._mark(key, ["theirs deleted it, ours changed it"])
+            changed = "changed" if self._below[key] or _own(old) != _own(key) else "calls" if self._calls(key) else ""
+            if changed and key.kind != _EMPTY:
+                self._mark(key, [f"theirs deleted it, ours {changed} it"])
             else:
                 self._below[self._above[key]].remove(key)
+
+    def _calls(self, line: Line) -> bool:
+        """Whether a new node of ours refers to a subprogram."""
+        node = self._node(line)
+        new = (each for _, each in self._ours.walk() if each not in self._o.back)
+        return line.kind == "SubProgram" and any(
+            place.resolved() is node for each in new for place in _own_places(self._node(each))
+        )
 
     # contents
 
@@ -334,6 +357,26 @@ class _ProgramMerge:
             if conflicts := self._taken_conflicts():
                 self._mark(ours, conflicts, copy)
             self._suppress(old, ours, theirs)
+
+    def _teach_the_same(self) -> None:
+        """Give waypoints of the same name one position: that of the version which taught it anew."""
+        points = [[line for _, line in top.walk() if line.kind == "Waypoint"] for top in (self._base, self._ours)]
+        before = {line.name: self._position(_node(line, self._roots[0])) for line in points[0]}
+        merged: dict[str, list[Line]] = {}
+        for line in [*points[1], *(line for line in self._new if line.kind == "Waypoint")]:
+            merged.setdefault(self._node(line).get("name"), []).append(line)
+        for name in before.keys() & merged.keys():
+            taught = [line for line in merged[name] if self._position(self._node(line)) != before[name]]
+            if taught and any(self._position(self._node(line)) == before[name] for line in merged[name]):
+                self._teach(taught[0], [line for line in merged[name] if line not in taught])
+
+    def _teach(self, source: Line, lines: Sequence[Line]) -> None:
+        for line in lines:
+            node, taught = self._node(line), self._node(source)
+            for tag in TAUGHT:
+                Changes().set_child(node, tag, None)
+                if (child := taught.child(tag)) is not None:
+                    Changes().set_child(node, tag, clipped([child])[0], ORDERS["Waypoint"][1])
 
     def _copy(self, line: Line) -> Element | None:
         """A separate copy of a node of theirs, suppressed; None for one that cannot be suppressed or holds others."""
