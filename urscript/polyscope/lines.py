@@ -142,8 +142,8 @@ def first_values(root: Element) -> dict[str, str]:
     """The first value of each variable of a program that has one, as PolyScope shows it."""
     found = {
         place.get("name"): expression_shown(place.child("expression", "initializeExpression"))
-        for place in root.places()
-        if place.tag in VARIABLE_TAGS
+        for place in root.walk()
+        if place.tag in VARIABLE_TAGS and place.shared is None
     }
     return {name: shown.strip() for name, shown in sorted(found.items()) if shown.strip()}
 
