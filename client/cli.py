@@ -84,7 +84,11 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "installation:installation_app",
         "Create, show, change and check PolyScope installations, without PolyScope.",
     ),
-    "program": ("program:program_app", "Create, show, check and export PolyScope programs, without PolyScope."),
+    "program": (
+        "program:program_app",
+        "Create, show, compare, check and export PolyScope programs, without PolyScope.",
+    ),
+    "git": ("git:git_app", "Read, compare and merge PolyScope's files in a git repository."),
     "tool-comm": (
         "robot:tool_comm_command",
         "Provide the serial line at the robot's tool (e-Series) as a device on this machine, until Ctrl-C.",

@@ -5,25 +5,33 @@ The program trees and their editing are in `urscript.polyscope`.
 
 import json
 import subprocess
+from itertools import chain
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from client.errors import ClientError, FileError
 from urproto.compat import module_command
 from urproto.durable import write_file
 from urproto.robots import RobotModel, choose_version, default_model, load_model
 from urproto.text import from_bytes, readable, to_bytes
-from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
+from urproto.versions import PolyscopeVersion
+from urscript.polyscope.comparing import Change, differences
 from urscript.polyscope.document import DocumentError, Element, link, packed, read_document, write_document
-from urscript.polyscope.editing import Problem, ProgramEditor
-from urscript.polyscope.folder import ProgramsFolder
+from urscript.polyscope.editing import Problem, ProgramEditor, Row
+from urscript.polyscope.files import SCRIPT_SUFFIX
+from urscript.polyscope.folder import ProgramsFolder, read_file
 from urscript.polyscope.installation_file import InstallationFile, load_installation_file
 from urscript.polyscope.installation_sections import SettingError
 from urscript.polyscope.installation_settings import new_installation, set_driver_address
+from urscript.polyscope.lines import Line, read_lines
+from urscript.polyscope.merging import merge_files
 from urscript.polyscope.saved_script import read_saved_script
-from urscript.polyscope.tree import TreeError
+from urscript.polyscope.stale import saved_in, stale_nodes
+from urscript.polyscope.tree import TreeError, is_external_control, tag_of
+from urscript.polyscope.urpx import UrpxError, counterpart
 from urscript.work import run_to_end
 
+_ALWAYS_USED: Final = ("mounting", "payloads")  # parts of an installation
 _SYNTAX_ERROR: Final = "syntax error"
 _CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
 _CHECK_S: Final = 60.0  # guess: it usually takes one second
@@ -59,14 +67,6 @@ def controller(model: str | None, polyscope: str | None) -> tuple[RobotModel, Po
         raise ClientError(str(error)) from None
 
 
-def saved_in(root: Element) -> PolyscopeVersion:
-    """The PolyScope version that last saved a program; the default version if the file does not say."""
-    try:
-        return PolyscopeVersion.parse(root.get("lastSavedIn"))
-    except ValueError:
-        return DEFAULT_VERSION[Series.CB3]
-
-
 def open_program(path: Path, model: str | None = None, polyscope: str | None = None) -> ProgramEditor:
     """Open a program, with its installation from the same folder and the code of URCaps from its script file.
 
@@ -83,6 +83,70 @@ def open_program(path: Path, model: str | None = None, polyscope: str | None = N
         return ProgramEditor(root, path.stem, installation, version, arm, saved_script=saved, folder=folder)
     except (OSError, DocumentError, TreeError) as error:
         raise FileError(path, _reason(error)) from None
+
+
+def open_lines(path: Path) -> Line:
+    """The lines of any of PolyScope's files. Raises FileError."""
+    try:
+        return read_lines(read_file(path))
+    except (OSError, DocumentError, TreeError, UrpxError) as error:
+        raise FileError(path, _reason(error)) from None
+
+
+def compare_files(before: Path, after: Path) -> list[Change]:
+    """The changes between two files and, of two programs, between what they use of the installations next to them.
+
+    Raises FileError for a file that cannot be read, and ClientError for files of different kinds.
+    """
+    old, new = open_lines(before), open_lines(after)
+    if old.kind != new.kind:
+        raise ClientError(f"{before} is of the kind {old.kind} and {after} of the kind {new.kind}: compare equal kinds")
+    changes = differences(old, new)
+    if old.kind == "program":
+        first, second = _installation_lines(before), _installation_lines(after)
+        if first is not None and second is not None:
+            used = {value for _, line in chain(old.walk(), new.walk()) for value in line.content.values()}
+            changes += [change for change in differences(first, second) if _concerns(change, used)]
+    return changes
+
+
+def save_page(path: Path, page: str) -> None:
+    """Write a page for browsers. Raises FileError."""
+    try:
+        write_file(path, to_bytes(page))
+    except OSError as error:
+        raise FileError(path, _reason(error)) from None
+
+
+def merge_into(base: Path, ours: Path, theirs: Path) -> list[str]:
+    """Merge their changes since the base into our file, and return the conflicts. Raises FileError.
+
+    A file that cannot be read or merged is one conflict, and ours stays as it is.
+    """
+    try:
+        merged = merge_files(*map(read_file, (base, ours, theirs)))
+    except (OSError, DocumentError, TreeError, UrpxError) as error:
+        return [f"it cannot be merged, and stays as it is in ours: {_reason(error)}"]
+    try:
+        write_file(ours, merged.data)
+    except OSError as error:
+        raise FileError(ours, _reason(error)) from None
+    return merged.conflicts
+
+
+def _installation_lines(path: Path) -> Line | None:
+    root = read_document(read_file(path))
+    folder = ProgramsFolder(path.absolute().parent)
+    found = folder.installation(root.get("installationRelativePath"), root.get("installation"))
+    return open_lines(found) if found is not None else None
+
+
+def _concerns(change: Change, used: set[str]) -> bool:
+    """Whether a change of an installation is one of something that programs with these values name, or all use."""
+    return any(
+        line is not None and line.parent is not None and (line.name in used or line.kind in _ALWAYS_USED)
+        for line in (change.before, change.after)
+    )
 
 
 def find_installation(root: Element, folder: ProgramsFolder) -> InstallationFile:
@@ -147,6 +211,64 @@ def all_problems(editor: ProgramEditor) -> list[Problem]:
         Problem(editor.node_of(author) if (author := authors[min(line, len(authors)) - 1]) else "", message)
         for line, message in errors
     ]
+
+
+class Conversion(NamedTuple):
+    """What becomes of a node in PolyScope X. how: node, script or nothing. note: which node, or why not."""
+
+    row: Row
+    how: Literal["node", "script", "nothing"]
+    note: str
+
+
+def conversions(editor: ProgramEditor) -> list[Conversion]:
+    """What becomes of the nodes of a program in the version of PolyScope X that it was opened for.
+
+    Raises CheckerError if its script cannot be checked.
+    """
+    problems = {problem.node: problem.message for problem in reversed(all_problems(editor))}
+    found = []
+    for row, line in zip(editor.rows(), editor.tree.lines, strict=True):
+        element = line.element
+        note = problems.get(row.id, "")
+        if is_external_control(element):
+            note = "it needs the URCapX of External Control, which has its own node"
+        elif tag_of(element) == "Contributed":
+            note = "URCaps of PolyScope 5 do not run on PolyScope X; install its URCapX, if there is one"
+        if row.suppressed:
+            found.append(Conversion(row, "nothing", "suppressed"))
+        elif note:
+            found.append(Conversion(row, "nothing", note))
+        else:
+            node = counterpart(element)
+            found.append(Conversion(row, "node" if node else "script", node))
+    return found
+
+
+def stale_problems(editor: ProgramEditor, path: Path) -> list[Problem]:
+    """Where the script next to a program was saved from another state of it, or of its installation."""
+    script = path.with_suffix(SCRIPT_SUFFIX)
+    if not script.is_file():
+        return []
+    nodes = {line.number: editor.node_of(line.element) for line in editor.tree.lines}
+    found = stale_nodes(editor.tree, editor.installation, from_bytes(script.read_bytes()))
+    return [Problem(nodes.get(each.number, ""), each.message) for each in found]
+
+
+def report_of(path: Path, form: str, model: str | None, polyscope: str | None) -> tuple[int, str]:
+    """What ``urscript check`` reports about a program in one of its formats, and its exit status.
+
+    Raises CheckerError.
+    """
+    options = [*(["--model", model] if model else []), *(["--polyscope", polyscope] if polyscope else [])]
+    command = [*module_command("urscript"), "check", f"--format={form}", "--strict", *options, str(path)]
+    try:
+        ran = subprocess.run(command, capture_output=True, timeout=_CHECK_S)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise CheckerError(f"urscript check: {error}") from None
+    if ran.returncode not in _CHECKED:
+        raise CheckerError(readable(from_bytes(ran.stderr)).strip() or str(ran.returncode))
+    return ran.returncode, from_bytes(ran.stdout)
 
 
 def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]]:

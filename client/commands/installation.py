@@ -13,7 +13,7 @@ from urproto.commandline import AsJson, application, print_json
 from urproto.text import unknown
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.installation_check import problems_of
-from urscript.polyscope.installation_sections import UNITS, Field, SettingError
+from urscript.polyscope.installation_sections import SettingError
 from urscript.polyscope.installation_settings import (
     SECTIONS,
     change_setting,
@@ -21,6 +21,7 @@ from urscript.polyscope.installation_settings import (
     read_settings,
     set_driver_address,
 )
+from urscript.polyscope.lines import nonempty_rows, setting_text
 from urscript.polyscope.safety_configuration import factory_configuration
 from urscript.polyscope.safety_settings import add_safety
 
@@ -76,9 +77,9 @@ def show_command(
         return
     for name, found in chosen.items():
         typer.echo(f"{SECTIONS[name].title} ({name}){'' if found else ': none'}")
-        for row in _nonempty_rows(name, found):
+        for row in nonempty_rows(name, found):
             fields = SECTIONS[name].fields
-            typer.echo("  " + ", ".join(f"{field.title}: {_format(field, row[field.name])}" for field in fields))
+            typer.echo("  " + ", ".join(f"{field.title}: {setting_text(field, row[field.name])}" for field in fields))
 
 
 @installation_app.command("set")
@@ -124,24 +125,3 @@ def _parse_assignment(text: str) -> tuple[str, Any]:
         return name, json.loads(value)
     except ValueError:
         return name, value
-
-
-def _nonempty_rows(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows worth printing: most I/O signals have neither a name nor an action."""
-    return rows if name != "io" else [row for row in rows if row["name"] or row["action"] not in ("", "NONE")]
-
-
-def _format(field: Field, value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if value is None or value == "":
-        return "-"
-    unit, factor = UNITS.get(field.unit, (field.unit, 1.0))
-    if isinstance(value, list):
-        lengths, rest = value[:3], value[3:]  # a rotation vector stays in rad
-        return f"[{', '.join([f'{part * factor:g}' for part in lengths] + [f'{part:g}' for part in rest])}]" + (
-            f" {unit}" if unit else ""
-        )
-    if isinstance(value, int | float):
-        return f"{value * factor:g}" + (f" {unit}" if unit else "")
-    return str(value)

@@ -1,26 +1,44 @@
-"""``ur-client program``: create, show, check and export PolyScope programs in the shell."""
+"""``ur-client program``: create, show, compare, check and export PolyScope programs in the shell."""
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from client.errors import ClientError, FileError
-from client.programs import all_problems, controller, find_installation, open_program, set_driver
+from client.programs import (
+    all_problems,
+    compare_files,
+    controller,
+    conversions,
+    find_installation,
+    open_lines,
+    open_program,
+    report_of,
+    save_page,
+    set_driver,
+    stale_problems,
+)
 from urproto.commandline import AsJson, application, print_json
+from urscript.polyscope.comparing import change_lines, change_page
 from urscript.polyscope.document import DocumentError
-from urscript.polyscope.editing import ProgramEditor, Row
-from urscript.polyscope.files import PROGRAM_SUFFIX, export, new_program, save_program
+from urscript.polyscope.editing import ProgramEditor
+from urscript.polyscope.files import INDENT, PROGRAM_SUFFIX, export, new_program, save_program
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.tree import TreeError
 
+_POLYSCOPE_X = "10.12"  # whose program files are known (urscript.polyscope.urpx)
 DRIVER_PORT = 50002  # the URCap's default
 
 program_app = application(
-    "Create, show, check and export PolyScope programs, without PolyScope.", completion=False, no_args_is_help=True
+    "Create, show, compare, check and export PolyScope programs, without PolyScope.",
+    completion=False,
+    no_args_is_help=True,
 )
 
+_File = Annotated[
+    Path, typer.Argument(help="A .urp, .installation, .variables or .urpx file; the contents decide.", metavar="FILE")
+]
 _Program = Annotated[Path, typer.Argument(help="The program, a .urp file.", metavar="NAME.urp")]
 Model = Annotated[str | None, typer.Option(help="The arm, for example ur3 or ur5e.")]
 Polyscope = Annotated[str | None, typer.Option(help="The PolyScope version to write it for, for example 3.15.")]
@@ -75,30 +93,71 @@ def new_command(
 
 @program_app.command("show")
 def show_command(
-    path: _Program,
-    forms: Annotated[bool, typer.Option("--forms", help="Also print the settings of each node.")] = False,
+    path: _File,
+    numbers: Annotated[bool, typer.Option("--numbers", help="Also print PolyScope's line numbers.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Print the tree of a program, with PolyScope's line numbers."""
-    editor = open_program(path)
-    rows = editor.rows()
+    """Print a line for each node or setting, the same for the same contents, so that versions can be compared.
+
+    Lengths are in mm, angles in degrees, rotation vectors in rad. `check` prints what keeps a program from running.
+    """
+    rows = list(open_lines(path).walk())
     if as_json:
-        print_json([{**_as_dict(row), "form": editor.form(row.id)["fields"]} for row in rows])
+        print_json(
+            [
+                {"depth": depth, "kind": line.kind, "name": line.name, "title": line.title, "values": line.values}
+                for depth, line in rows
+            ]
+        )
         return
     width = len(str(len(rows)))
-    for row in rows:
-        typer.echo(f"{row.number:>{width}} {'  ' * row.depth}{row.title}{_note(row)}")
-        if forms:
-            for field in editor.form(row.id)["fields"]:
-                indent = " " * (width + 3 + 2 * row.depth)
-                typer.echo(f"{indent}{field['title']}: {_format(field['value'])}{_unit(field)}")
+    for number, (depth, line) in enumerate(rows):
+        typer.echo(f"{f'{number or str():>{width}} ' if numbers else ''}{INDENT * depth}{line.text}")
+
+
+@program_app.command("diff")
+def diff_command(
+    before: _File,
+    after: _File,
+    as_json: AsJson = False,
+    page: Annotated[
+        Path | None, typer.Option("--html", help="Write a page for browsers instead, to this file.")
+    ] = None,
+) -> None:
+    """Print which nodes or settings were added, removed, moved and changed between two files of the same kind.
+
+    If both files are programs, the installations next to them are compared as well, for what the programs use of them.
+    """
+    changes = compare_files(before, after)
+    if as_json:
+        print_json([change.as_dict() for change in changes])
+        return
+    if page is not None:
+        save_page(page, change_page(changes, str(before), str(after)))
+        return
+    for line in change_lines(changes):
+        typer.echo(line)
 
 
 @program_app.command("check")
-def check_command(path: _Program, model: Model = None, polyscope: Polyscope = None) -> None:
-    """Report what keeps a program from running: in its nodes, then in its script. Exit status 1 for any problem."""
+def check_command(
+    path: _Program,
+    model: Model = None,
+    polyscope: Polyscope = None,
+    form: Annotated[
+        str, typer.Option("--format", help="How problems are reported: text, json, sarif or github (annotations).")
+    ] = "text",
+) -> None:
+    """Report what keeps a program from running, and whether the script next to it is from another state of it.
+
+    Other formats than text are those of `urscript check`, with its rules. Exit status 1 for any problem.
+    """
+    if form != "text":
+        status, report = report_of(path, form, model, polyscope)
+        typer.echo(report, nl=False)
+        raise typer.Exit(status)
     editor = open_program(path, model, polyscope)
-    problems = all_problems(editor)
+    problems = all_problems(editor) or stale_problems(editor, path)
     lines = {row.id: row for row in editor.rows()}
     for problem in problems:
         row = lines.get(problem.node)
@@ -106,6 +165,35 @@ def check_command(path: _Program, model: Model = None, polyscope: Polyscope = No
     if problems:
         raise typer.Exit(1)
     typer.echo(f"{path}: no problems found for PolyScope {editor.version}")
+
+
+@program_app.command("convert")
+def convert_command(
+    path: _Program,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Also write the URScript that runs there, a .script file.")
+    ] = None,
+    polyscope: Annotated[str, typer.Option(help="The version of PolyScope X.")] = _POLYSCOPE_X,
+    as_json: AsJson = False,
+) -> None:
+    """Report what of a program goes to PolyScope X: which nodes as nodes, which only as URScript, and which do not.
+
+    Exit status 1 if a node does not. TCPs, features, inputs and outputs have to be created in its application.
+    """
+    editor = open_program(path, None, polyscope)
+    if not editor.version.is_polyscope_x:
+        raise ClientError(f"PolyScope {editor.version} is not PolyScope X: name a version from 10.7 on")
+    found = conversions(editor)
+    lost = [each for each in found if each.how == "nothing" and not each.row.suppressed]
+    if as_json:
+        print_json([{"number": e.row.number, "title": e.row.title, "how": e.how, "note": e.note} for e in found])
+    else:
+        for each in found:
+            typer.echo(f"{each.how:<7} {INDENT * each.row.depth}{each.row.title}{f'  ({each.note})' * bool(each.note)}")
+    if output is not None:
+        _export(editor, output)
+    if lost:
+        raise typer.Exit(1)
 
 
 @program_app.command("export")
@@ -141,23 +229,3 @@ def _save(editor: ProgramEditor, path: Path) -> None:
         save_program(editor, path)
     except (DocumentError, OSError) as error:
         raise FileError(path, str(error)) from None
-
-
-def _as_dict(row: Row) -> dict[str, Any]:
-    return {name: getattr(row, name) for name in row.__slots__}
-
-
-def _note(row: Row) -> str:
-    if row.suppressed_itself:
-        return "  (suppressed)"
-    return f"  <- {row.problem}" if row.problem else ""
-
-
-def _format(value: Any) -> str:
-    if isinstance(value, dict):
-        return json.dumps(value)
-    return "-" if value is None or value == "" else {True: "yes", False: "no"}.get(value, str(value))
-
-
-def _unit(field: dict[str, Any]) -> str:
-    return f" {field['unit']}" if field["unit"] and field["value"] is not None else ""

@@ -9,7 +9,7 @@ from urproto.versions import PolyscopeVersion
 from urscript.check.names import owner_of
 from urscript.check.project import Project
 from urscript.check.rules import RULES
-from urscript.check.rules.compiler import BROKEN_NODE, code_of
+from urscript.check.rules.compiler import BROKEN_NODE, STALE, code_of
 from urscript.check.signatures import libraries
 from urscript.check.sources import Source
 from urscript.check.subject import Subject
@@ -58,6 +58,8 @@ def _in_source(source: Source, version: PolyscopeVersion, project: Project) -> I
         for line, message in source.broken_nodes if project.selects(BROKEN_NODE) else ():
             yield Finding(source.name, line, 1, BROKEN_NODE, message)
         return
+    for line, message in source.stale if project.selects(STALE) else ():
+        yield Finding(source.name, line, 1, STALE, message)
     outside = project.known
     variables = {*outside.variables, *source.variables}
     known = Known(outside.functions, variables, {*outside.undecided, *source.placeholders})

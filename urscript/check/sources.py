@@ -31,6 +31,7 @@ class Source:
     """One text of programs. name: of its file; place: maps a line and column of the text; lines: of the file.
 
     broken_nodes: nodes of a program tree from which PolyScope makes no script, each with its line and a message.
+    stale: nodes whose script next to the tree is from another state of the program, likewise.
     variables: further ones that exist. in_tests: whether it is a file of tests, with the program that it tests.
     """
 
@@ -42,6 +43,7 @@ class Source:
     open: bool = False
     embedded: bool = False
     broken_nodes: Sequence[tuple[int, str]] = ()
+    stale: Sequence[tuple[int, str]] = ()
     variables: Collection[str] = ()
     in_tests: bool = False
 
@@ -153,9 +155,10 @@ def _embedded_source(name: str, found: Embedded, lines: list[str]) -> Source:
 def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:
     """The script of a program tree; a place is the line of the node that wrote it. Raises SourceError."""
     from urscript.polyscope.document import DocumentError, Element  # here, because scripts need none of it
-    from urscript.polyscope.folder import ProgramsFolder
+    from urscript.polyscope.folder import ProgramsFolder, read_text
     from urscript.polyscope.installation_file import InstallationFile, load_installation_file
     from urscript.polyscope.program import write_steps
+    from urscript.polyscope.stale import stale_nodes
     from urscript.polyscope.tree import read_tree_steps
     from urscript.polyscope.writer import ExternalControlCode
 
@@ -167,6 +170,8 @@ def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:
         wrong: list[tuple[Element, str]] = []
         steps = write_steps(tree, installation, version=version, external_control=none, problems=wrong)
         writer = run_to_end(steps)
+        saved = path.with_suffix(SCRIPTS[0])
+        found = stale_nodes(tree, installation, read_text(saved)) if saved.is_file() and not wrong else []
     except (OSError, DocumentError, ValueError) as error:
         raise SourceError(f"{name}: {getattr(error, 'strerror', None) or error}") from None
     written = writer.lines()
@@ -177,4 +182,5 @@ def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:
         return max(number, 1), column, text
 
     broken = [(max(writer.number(node), 1), message) for node, message in wrong]
-    return Source(name, ScriptFile(path.stem, to_bytes(writer.text())), place, [], broken_nodes=broken)
+    stale = [(max(each.number, 1), each.message) for each in found]
+    return Source(name, ScriptFile(path.stem, to_bytes(writer.text())), place, [], broken_nodes=broken, stale=stale)

@@ -101,6 +101,8 @@ class Element:
 
     def resolved(self) -> "Element":
         """The element itself, or the target of its reference. Raises DocumentError if that does not exist."""
+        if self.shared is None and _REFERENCE not in self.attributes:  # nearly always
+            return self
         element = self
         for _ in range(_MAX_REFERENCES):
             if element.shared is not None:

@@ -21,7 +21,7 @@ from urscript.polyscope.tree import TreeError
 
 _PROGRAM_VERSIONS: Final = PolyscopeVersion(5, 13)  # first version that writes the version of the file format (seen)
 _PROGRAM_VERSION: Final = "2"
-_INDENT: Final = "  "
+INDENT: Final = "  "
 PROGRAM_SUFFIX: Final = ".urp"
 SCRIPT_SUFFIX: Final = ".script"
 TEXT_SUFFIX: Final = ".txt"
@@ -77,7 +77,7 @@ def outline_text(editor: ProgramEditor) -> str:
         if row.parent in hidden:
             continue
         title = f"'{row.title}'" if row.suppressed_itself else row.title
-        lines.append(f" {_INDENT * (row.depth + 1)}{title}")
+        lines.append(f" {INDENT * (row.depth + 1)}{title}")
     return "".join(f"{line}\n" for line in lines)
 
 

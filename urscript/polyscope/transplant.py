@@ -18,10 +18,13 @@ _NAMED: Final = ("pin", "tcp", "feature")
 _UNIQUE: Final = ("Thread", "SubProgram")  # nodes that need a name of their own
 
 
-def clipped(places: Sequence[Element]) -> Clip:
+def clipped(places: Sequence[Element], copies: dict[int, Element] | None = None) -> Clip:
     """Copy nodes. An object shared by several places is also shared by the copies; if it belongs to a node that is not
-    copied, the first place contains it completely."""
-    copies: dict[int, Element] = {}
+    copied, the first place contains it completely.
+
+    copies: what stands for objects, by their identities, and is not copied; the new copies are added.
+    """
+    copies = {} if copies is None else copies
 
     def copied(place: Element, parent: Element | None) -> Element:
         element = place.resolved()

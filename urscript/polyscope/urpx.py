@@ -17,7 +17,7 @@ from urproto.text import from_bytes, lines
 from urscript.polyscope.document import Element, make
 from urscript.polyscope.outline import OutlineNode
 from urscript.polyscope.saved_script import SavedScript
-from urscript.polyscope.tree import ProgramTree, TreeError
+from urscript.polyscope.tree import ProgramTree, TreeError, tag_of
 from urscript.work import Steps
 
 SUFFIX: Final = ".urpx"
@@ -145,7 +145,7 @@ class _Application(SavedScript):
 
 def read_urpx(data: bytes) -> Urpx:
     """Read a program. Raises UrpxError."""
-    program, application = _parts(data)
+    program, application = urpx_parts(data)
     content = _object(program.get("programContent"), "program.programContent")
     saved = _object(program.get("urscript") or {}, "program.urscript")
     ids = saved.get("nodeIDList") or []
@@ -170,10 +170,11 @@ def read_urpx(data: bytes) -> Urpx:
 
 def read_information(data: bytes) -> UrpxInformation:
     """Read only the entry for a list of programs. Raises UrpxError."""
-    return _information(_parts(data)[0])
+    return _information(urpx_parts(data)[0])
 
 
-def _parts(data: bytes) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+def urpx_parts(data: bytes) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """The program and the application of a file, as JSON. Raises UrpxError."""
     if len(data) > _LARGEST:
         raise UrpxError(f"it has {len(data):,} bytes, and a program may have {_LARGEST:,}")
     try:
@@ -282,6 +283,14 @@ def _elements(node: Node) -> list[Element]:
 
 def _children(node: Node) -> Element:
     return make("children", *(element for child in node.children for element in _elements(child)))
+
+
+def counterpart(element: Element) -> str:
+    """The node of PolyScope X for a node of an older program; empty for one without a counterpart that is known."""
+    sleeps = tag_of(element) == "Wait" and element.get("type") == "Sleep"
+    starts = tag_of(element) == "SpecialSequence" and element.get("type") == "BeforeStart"
+    names = {"MainProgram": "ur-code", "Wait": "ur-wait" * sleeps, "SpecialSequence": "ur-before-start" * starts}
+    return names.get(tag_of(element), "")
 
 
 @_node_type("ur-modules")

@@ -9,6 +9,7 @@ SYNTAX: Final = "URS001"
 _UNKNOWN: Final = "URS002"
 _OTHER_VERSION: Final = "URS003"
 BROKEN_NODE: Final = "URS004"
+STALE: Final = "URS108"
 _ELSEWHERE: Final = "not available in PolyScope"
 
 declare(SYNTAX, "syntax-error", "the text is not a URScript program", error=True)
@@ -28,6 +29,8 @@ _MISTAKES: Final = {
 
 for _code, _name, _summary in _MISTAKES.values():
     declare(_code, _name, _summary)
+
+declare(STALE, "stale-script", "the script next to a program tree was saved from another state of the program")
 
 
 def code_of(problem: ScriptError) -> str:

@@ -35,7 +35,7 @@ from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
 
-_TAUGHT: Final = ("relativeFromPosition", "position", "poseInFeatureCoordinates", "outputFlangePose", "BaseToFeature")
+TAUGHT: Final = ("relativeFromPosition", "position", "poseInFeatureCoordinates", "outputFlangePose", "BaseToFeature")
 _TYPES: Final = {"Fixed": "Fixed position", "Relative": "Relative position", "Variable": "Variable position"}
 _MOTION: Final = "motionParameters"  # the waypoint's own speed, time or blend
 _UNKNOWN_FLAGS: Final = "-1"  # configuration of the arm at a waypoint that is not fixed
@@ -49,7 +49,7 @@ def new_waypoint(program: Surroundings) -> Element:
 
 def _choose_type(element: Element, value: str, program: Surroundings) -> None:
     """Choose the type of waypoint; removes taught positions or the variable that do not belong to it."""
-    for tag in (*_TAUGHT, "variable"):
+    for tag in (*TAUGHT, "variable"):
         if value != "Relative" or tag not in ("position", "BaseToFeature"):
             program.set_child(element, tag, None)
     program.set_attribute(element, "type", value)
