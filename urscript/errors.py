@@ -10,9 +10,15 @@ Lines and columns count from 1. Line 1 is the first line with code (the ``def`` 
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 from urproto.compat import Self
+
+
+@lru_cache(maxsize=2)  # texts with thousands of errors exist, and each shows its line
+def _lines(source: str) -> list[str]:
+    return source.split("\n")
 
 
 class RuntimeFault(Exception):  # noqa: N818  # it becomes an error only at a position in a script
@@ -37,7 +43,7 @@ class ScriptError(Exception):
     @property
     def source_line(self) -> str:
         """The text of the line with the error, without its line end; empty when unknown."""
-        lines = self.source.split("\n")
+        lines = _lines(self.source)
         return lines[self.line - 1].rstrip("\r") if 0 < self.line <= len(lines) else ""
 
     def render(self, file: str = "<script>") -> str:

@@ -261,7 +261,7 @@ class _Parser(RecoveringParser):
         start = self.token
         if start.kind not in ("name", "run"):
             if self.token.kind in BLOCK_ENDS:
-                blamed = yield from misplaced_end(self.tokens)
+                blamed = yield from self.cause(misplaced_end)
                 self.fail("there is no open block it could belong to", None, blamed)
             self.fail("expected a statement")
         value = self.expression(_ABOVE_OPERATORS)

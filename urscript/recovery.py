@@ -7,7 +7,7 @@ reported, but its consequences are not.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NoReturn, TypeVar
+from typing import NoReturn, TypeAlias, TypeVar
 
 from urscript.errors import Cause, CompileError
 from urscript.expressions import ExpressionParser
@@ -16,6 +16,7 @@ from urscript.tokens import KEYWORDS, Token
 from urscript.work import Steps
 
 ResultT = TypeVar("ResultT")
+Blame: TypeAlias = Callable[[Sequence[Token]], Steps[Cause | None]]
 
 _IN_EXPRESSIONS = frozenset(["and", "or", "xor", "not", "True", "False", "None", "run"])
 _AT_LINE_START = (KEYWORDS - _IN_EXPRESSIONS) | {"run", "name", "$"}
@@ -29,6 +30,8 @@ class RecoveringParser(ExpressionParser):
     def __init__(self, source: str, tokens: list[Token], errors: list[CompileError] | None) -> None:
         super().__init__(source, tokens)
         self._errors = errors
+        self._places: set[tuple[int, int]] = set()  # lines and columns of them
+        self._causes: dict[Blame, Cause | None] = {}
         self._unrecoverable = False
         self.damaged: set[str] = set()  # names in text that did not parse
 
@@ -37,15 +40,21 @@ class RecoveringParser(ExpressionParser):
         """True when errors are collected."""
         return self._errors is not None
 
-    def report(self, problem: str, blamed: Callable[[Sequence[Token]], Steps[Cause | None]]) -> Steps[None]:
+    def report(self, problem: str, blamed: Blame) -> Steps[None]:
         """Report a syntax error at the next token and continue there.
 
         blamed: finds the cause of the error among all tokens.
         """
         try:
-            self.fail(problem, None, (yield from blamed(self.tokens)))
+            self.fail(problem, None, (yield from self.cause(blamed)))
         except CompileError as error:
             self._record(error)
+
+    def cause(self, blamed: Blame) -> Steps[Cause | None]:
+        """What `blamed` finds, which is the same for each error of a text."""
+        if blamed not in self._causes:
+            self._causes[blamed] = yield from blamed(self.tokens)
+        return self._causes[blamed]
 
     def give_up(self, problem: str, token: Token | None = None) -> NoReturn:
         """Raise a syntax error that would only be repeated if parsing continued."""
@@ -92,7 +101,8 @@ class RecoveringParser(ExpressionParser):
     def _record(self, error: CompileError) -> None:
         if self._errors is None or self._unrecoverable:
             raise error
-        if all((known.line, known.column) != (error.line, error.column) for known in self._errors):
+        if (place := (error.line, error.column)) not in self._places:
+            self._places.add(place)
             self._errors.append(error)
         if self.string_before(error.line):  # a quote is missing: from here on, strings and code are swapped
             self._unrecoverable = True

@@ -132,6 +132,7 @@ HOSTILE = {
     "branches.script": ROW + "def g(a):\n" + "".join(f"if a:\nx{n}=y\nend\n" for n in range(1500)) + "end\nend\n",
     "loops.script": ROW + "while True:\n" * 20 + "x=1\n" * 2000 + "end\n" * 21,
     "moves.script": ROW + "movel(p[0,0,0,0,0,0],r=1)\n" * 1200 + "end\n",
+    "ends.script": "end\n" * 4000,
     "braces.script": "{" * 20_000,
     "holes.script": "{a} " * 8000,
     "unclosed.py": 'a = "' + "\\" * 20_001,
