@@ -59,9 +59,11 @@ class Line:
 
     def walk(self, depth: int = 0) -> "Iterator[tuple[int, Line]]":
         """This line and all below it, with their depths."""
-        yield depth, self
-        for child in self.children:
-            yield from child.walk(depth + 1)
+        waiting = [(depth, self)]
+        while waiting:
+            depth, line = waiting.pop()
+            yield depth, line
+            waiting.extend((depth + 1, child) for child in reversed(line.children))
 
     @property
     def text(self) -> str:
