@@ -19,7 +19,8 @@ from emulator.commands.requests import ScriptUnit
 from urproto.modes import RuntimeState
 from urproto.robots import kinematics_of, load_model
 from urproto.versions import PolyscopeVersion
-from urscript.polyscope.document import packed, write_document
+from urscript.polyscope.comparing import differences
+from urscript.polyscope.document import link, packed, read_document, write_document
 from urscript.polyscope.editing import ROOT, ProgramEditor
 from urscript.polyscope.files import save_program
 from urscript.polyscope.installation_settings import change_setting, new_installation
@@ -143,6 +144,24 @@ def test_git_merges_rebases_and_bisects(repository):
     repository.save("p.urp", b"\x1f\x8bnothing", "Break it")
     repository("merge", "right", status=1)
     assert (repository.folder / "p.urp").read_bytes() == b"\x1f\x8bnothing"
+
+
+def test_nodes_of_unknown_types_are_named_and_shown_with_their_settings():
+    """Palletizing, Seek and others have no public files with scripts: their settings are shown as they are stored."""
+    tag = b"gui.program.some.GridSearchNode"
+    node = b"""<TAG name="Grid_1" rows="3"><corner><JointAngles angles="0.0, -1.5707963, 0, 0, 0, 0"/>
+        <offset pose="0, 0, 0.1, 0, 0, 0" angles="some"/></corner><children>""".replace(b"TAG", tag)
+    written = write_document(link(read_document(file_of(program()))))
+    data = written.replace(b"<Wait ", node + b"<Wait ", 1).replace(b"</Wait>", b"</Wait></children></" + tag + b">", 1)
+    depths = {line.text: depth for depth, line in read_lines(data).walk()}
+    shown = (
+        "Grid search Grid_1 | rows: 3 | corner.JointAngles.angles: [0.000, -90.000, 0.000, 0.000, 0.000, 0.000] ° | "
+        "corner.offset.pose: [0.000, 0.000, 100.000] mm, rotation [0.00000, 0.00000, 0.00000] | "
+        "corner.offset.angles: some"
+    )
+    assert depths[shown] + 1 == depths["Wait: 0.1 | Wait for: A time | Time: 0.1 s"]
+    [change] = differences(read_lines(data), read_lines(data.replace(b'rows="3"', b'rows="4"')))
+    assert (change.how, change.values) == ("changed", {"rows": ("3", "4")})
 
 
 def test_diff_lists_added_removed_moved_and_changed_nodes(tmp_path):

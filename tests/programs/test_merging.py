@@ -1,5 +1,6 @@
 """Merging programs by node: pairs of edits of one program give what both edits in one editor give, or a conflict."""
 
+import re
 from collections import Counter
 from random import Random
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import pytest
 from editing_rig import E_SERIES, HOME, INSTALLATION, ZERO, editor
 
+from tests.robotapi.rig import urpx, wait
 from urproto.robots import kinematics_of, load_model
 from urscript.polyscope.document import DocumentError, link, packed, read_document, unpacked, write_document
 from urscript.polyscope.editing import ROOT, ProgramEditor
@@ -14,6 +16,7 @@ from urscript.polyscope.installation_settings import change_setting, new_install
 from urscript.polyscope.lines import read_lines
 from urscript.polyscope.merging import merge_files
 from urscript.polyscope.places import EditError
+from urscript.polyscope.urpx import read_urpx
 
 ARM = load_model("ur5e")
 Edit = tuple[str, tuple[Any, ...], dict[str, Any]]
@@ -238,10 +241,52 @@ def test_installations_variables_and_programs_of_polyscope_x_merge_by_setting():
     merged = merge_files(b"#t\na=1\nb=2\n", b"#t\na=5\nb=2\n", b"#t\nb=3\nc=4\n")
     assert merged.conflicts == ["variables.a: 'a=5' in ours, - in theirs"]
     assert merged.data == b"#t\na=5\nb=3\nc=4\n"
+    long = [f"#t\na=[{', '.join(map(str, range(40)))}, {end}]\n".encode() for end in (0, 1, 2)]
+    assert merge_files(*long).conflicts == [
+        "variables.a: '...35, 36, 37, 38, 39, 1]' in ours, '...35, 36, 37, 38, 39, 2]' in theirs"
+    ]
+    limits = [
+        unpacked(base).replace(
+            b"</Installation>",
+            b'  <SafetySettings>\n    <a v="%d" w="%d"/>\n  </SafetySettings>\n</Installation>' % pair,
+        )
+        for pair in ((1, 1), (2, 1), (1, 3))
+    ]
+    merged = merge_files(*limits)
+    assert merged.data == limits[1]
+    assert merged.conflicts == [
+        "Installation.SafetySettings.a.v: '2' in ours, '1' in theirs",
+        "Installation.SafetySettings.a.w: '1' in ours, '3' in theirs",
+    ]
     with pytest.raises(DocumentError, match="both versions have a new file"):
         merge_files(b"", changed(tcp), base)
     with pytest.raises(DocumentError, match="different kinds: installation, program"):
         merge_files(base, changed(tcp), large_program())
+
+
+def test_programs_of_polyscope_x_merge_by_node():
+    """Changes of different nodes merge; the same setting, and a deleted node, are conflicts with both values."""
+
+    def saved(*waits: tuple[float, str]) -> bytes:
+        return urpx("job", *(wait(seconds, guid) for seconds, guid in waits), script="sleep(1)")
+
+    def times(data: bytes) -> list[str]:
+        assert read_urpx(data).name == "job"
+        return [line.values["time.value"] for _, line in read_lines(data).walk() if line.kind == "ur-wait"]
+
+    base = saved((1, "a"), (2, "b"))
+    merged = merge_files(base, saved((5, "a"), (2, "b")), saved((1, "a"), (6, "b"), (7, "c")))
+    assert (merged.conflicts, times(merged.data)) == ([], ["5", "6", "7"])
+    merged = merge_files(base, saved((5, "a"), (2, "b")), saved((6, "a"), (2, "b")))
+    assert times(merged.data) == ["5", "2"]
+    assert [conflict.partition("parameters.")[2] for conflict in merged.conflicts] == [
+        "time.entity.value: '5' in ours, '6' in theirs",
+        "time.value: '5' in ours, '6' in theirs",
+    ]
+    merged = merge_files(base, saved((2, "b")), saved((6, "a"), (2, "b")))
+    assert times(merged.data) == ["2"]
+    [conflict] = merged.conflicts
+    assert re.fullmatch(r"program.*\.a: - in ours, '\{.*ur-wait.*\.\.\.' in theirs", conflict), conflict
 
 
 def test_waypoints_of_one_name_keep_one_position():

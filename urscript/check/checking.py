@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Final
 
 from urproto.versions import PolyscopeVersion
@@ -40,12 +41,17 @@ class Finding:
         return RULES[self.code].error
 
 
-def findings(sources: Mapping[PolyscopeVersion, Sequence[Source]], project: Project) -> list[Finding]:
-    """What is found in a file for each version, in the order of its text."""
+def findings(
+    sources: Mapping[PolyscopeVersion, Sequence[Source]], project: Project, *, only_stale: bool = False
+) -> list[Finding]:
+    """What is found in a file for each version, in the order of its text.
+
+    only_stale: of a program tree, only what its saved script lacks, because that script is checked itself.
+    """
     merged: dict[tuple[int, int, str], Finding] = {}
     for version, row in sources.items():
         for source in row:
-            for found in _in_source(source, version, project):
+            for found in chain(_stale(source, project), () if only_stale else _in_source(source, version, project)):
                 key = (found.line, found.column, found.code)
                 known = merged.get(key, found)
                 versions = known.versions if version in known.versions else (*known.versions, version)
@@ -53,13 +59,16 @@ def findings(sources: Mapping[PolyscopeVersion, Sequence[Source]], project: Proj
     return sorted(merged.values())
 
 
+def _stale(source: Source, project: Project) -> Iterable[Finding]:
+    for line, message in source.stale if project.selects(STALE) else ():
+        yield Finding(source.name, line, 1, STALE, message)
+
+
 def _in_source(source: Source, version: PolyscopeVersion, project: Project) -> Iterable[Finding]:
     if source.broken_nodes:
         for line, message in source.broken_nodes if project.selects(BROKEN_NODE) else ():
             yield Finding(source.name, line, 1, BROKEN_NODE, message)
         return
-    for line, message in source.stale if project.selects(STALE) else ():
-        yield Finding(source.name, line, 1, STALE, message)
     outside = project.known
     variables = {*outside.variables, *source.variables}
     known = Known(outside.functions, variables, {*outside.undecided, *source.placeholders})

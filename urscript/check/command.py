@@ -14,7 +14,7 @@ from urscript.check.checking import Finding, findings
 from urscript.check.formats import FORMATS, Report
 from urscript.check.project import Project, project_of
 from urscript.check.rules.variables import UNUSED_INCLUDE
-from urscript.check.sources import SourceError, content, files_in, sources_in
+from urscript.check.sources import SourceError, content, files_in, has_saved_script, sources_in
 
 HELP: Final = "check programs and report all errors and warnings"
 
@@ -49,7 +49,8 @@ def run(options: Namespace) -> int:
                 try:
                     project = Project() if options.isolated else project_of(Path(file).absolute().parent)
                     versions = chosen_versions(options, project)
-                    report[_shown(file)] = _check(file, project, versions, words), versions
+                    in_folder = file != name
+                    report[_shown(file)] = _check(file, project, versions, words, in_folder), versions
                 except SourceError as error:
                     status = usage_error("urscript", error)
             for project in {project for project in words if project.path and Path(name).is_dir()}:
@@ -63,13 +64,13 @@ def run(options: Namespace) -> int:
 
 
 def _check(
-    file: str, project: Project, versions: Sequence[PolyscopeVersion], words: dict[Project, set[str]]
+    file: str, project: Project, versions: Sequence[PolyscopeVersion], words: dict[Project, set[str]], in_folder: bool
 ) -> list[Finding]:
     data = content(_shown(file), sys.stdin.buffer) if file == _STDIN else None
     sources = {version: sources_in(_shown(file), data, project, version) for version in versions}
     for source in sources[versions[0]] if project.sources else ():
         words.setdefault(project, set()).update(_WORD.findall(source.script.text))
-    return findings(sources, project)
+    return findings(sources, project, only_stale=in_folder and has_saved_script(Path(file)))
 
 
 def _files(name: str) -> Iterator[str]:

@@ -53,7 +53,7 @@ class SourceError(Exception):
 
 
 def files_in(folder: Path) -> Iterator[Path]:
-    """The programs of a folder: scripts, and program trees without the script that PolyScope saves with them.
+    """The programs of a folder: scripts and program trees.
 
     A script file that a tree there has in a Script node is a part of that program, and not checked alone.
     """
@@ -61,9 +61,13 @@ def files_in(folder: Path) -> Iterator[Path]:
     saved = {file.with_suffix(SCRIPTS[0]) for file in files if file.suffix == _TREE}
     parts = {name for file in files if file.suffix == _TREE for name in _script_nodes(file)}
     for file in files:
-        alone = file in saved or file.name not in parts
-        if alone if file.suffix in SCRIPTS else not file.with_suffix(SCRIPTS[0]).exists():
+        if file.suffix == _TREE or file in saved or file.name not in parts:
             yield file
+
+
+def has_saved_script(path: Path) -> bool:
+    """Whether a file is a program tree with the script that PolyScope saved with it."""
+    return path.suffix == _TREE and path.with_suffix(SCRIPTS[0]).is_file()
 
 
 def _script_nodes(tree: Path) -> set[str]:

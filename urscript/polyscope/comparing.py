@@ -104,6 +104,8 @@ def moved_lines(matches: Matches) -> set[Line]:
             moved.add(old)
         here = [child for child in old.children if child in matches and matches[child].parent is new]
         there = [earlier[child] for child in new.children if child in earlier and earlier[child].parent is old]
+        if here == there:  # nearly always
+            continue
         blocks = SequenceMatcher(None, here, there, autojunk=False).get_matching_blocks()
         moved |= set(here) - {child for block in blocks for child in here[block.a : block.a + block.size]}
     return moved

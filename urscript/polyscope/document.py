@@ -58,7 +58,7 @@ class Element:
         self.text = ""
         self.open = False
         self.shared: Element | None = None
-        self._by_tag: tuple[int, dict[str, list[Element]]] = (0, {})  # the first so many children
+        self._by_tag = _NO_INDEX
 
     def __iter__(self) -> Iterator["Element"]:
         return iter(self.children)
@@ -143,6 +143,9 @@ class Element:
                 index.setdefault(child.tag, []).append(child)
             self._by_tag = len(self.children), index
         return index.get(tag, [])
+
+
+_NO_INDEX: Final[tuple[int, dict[str, list[Element]]]] = 0, {}  # of the first so many children; never changed
 
 
 def read_document(data: bytes, max_elements: int = _MAX_ELEMENTS) -> Element:

@@ -11,12 +11,13 @@ from math import degrees
 from typing import Any, Final
 
 from urproto.versions import DEFAULT_VERSION, Series
-from urscript.polyscope.document import Element, link, read_document
+from urscript.polyscope.document import DocumentError, Element, link, read_document
 from urscript.polyscope.expressions import expression_shown
 from urscript.polyscope.installation_file import InstallationFile, read_variables
 from urscript.polyscope.installation_sections import UNITS, Row
 from urscript.polyscope.installation_sections import Field as Setting
 from urscript.polyscope.installation_settings import SECTIONS, read_settings
+from urscript.polyscope.numbers import six
 from urscript.polyscope.places import Places, Spot
 from urscript.polyscope.surroundings import VARIABLE_TAGS, Surroundings
 from urscript.polyscope.tree import ProgramTree, tag_of
@@ -58,9 +59,11 @@ class Line:
 
     def walk(self, depth: int = 0) -> "Iterator[tuple[int, Line]]":
         """This line and all below it, with their depths."""
-        yield depth, self
-        for child in self.children:
-            yield from child.walk(depth + 1)
+        waiting = [(depth, self)]
+        while waiting:
+            depth, line = waiting.pop()
+            yield depth, line
+            waiting.extend((depth + 1, child) for child in reversed(line.children))
 
     @property
     def text(self) -> str:
@@ -110,7 +113,8 @@ def _node_line(spot: Spot, program: Surroundings) -> Line:
     if suppressed:
         line.content["suppressed"] = line.values["Suppressed"] = "yes"
     if spot.kind is None or (not spot.kind.fields and tag != "Comment"):
-        line.values |= {key: value for key, value in line.content.items() if value and key != "suppressed"}
+        titled = ("suppressed", "name" if spot.kind is None else "")
+        line.values |= {key: _raw_text(key, each) for key, each in line.content.items() if each and key not in titled}
         return line
     for each in spot.kind.fields:
         value = each.value(element, program) if each.shown(element) else None
@@ -128,9 +132,21 @@ def _title(spot: Spot) -> str:
 
 def _value_text(value: Any) -> str:
     if isinstance(value, dict):
-        joints = ", ".join(f"{degrees(angle) + 0.0:.3f}" for angle in value["joints"])
-        return f"[{joints}] °, TCP {_pose_text(value['pose'])}"
+        return f"{_joints_text(value['joints'])}, TCP {_pose_text(value['pose'])}"
     return {True: "yes"}.get(value, str(value)) if isinstance(value, bool) else str(value)
+
+
+def _raw_text(path: str, value: str) -> str:
+    """A value of a node without fields, as in its file; positions, which all nodes store alike, in mm and degrees."""
+    shown = _joints_text if path.endswith("angles") else _pose_text if path.endswith("pose") else None
+    try:
+        return shown(six(value)) if shown is not None else value
+    except DocumentError:
+        return value
+
+
+def _joints_text(joints: Any) -> str:
+    return f"[{', '.join(f'{degrees(angle) + 0.0:.3f}' for angle in joints)}] °"
 
 
 def _pose_text(pose: Any) -> str:

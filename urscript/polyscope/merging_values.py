@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from urproto.text import from_bytes, to_bytes
 from urscript.polyscope.document import Element
-from urscript.polyscope.lines import object_key
+from urscript.polyscope.lines import flat, object_key
 from urscript.polyscope.transplant import clipped
 
 _OF_PLACE: Final = ("class", "referenceName")
@@ -17,6 +17,8 @@ _SAVED: Final = frozenset({"crcValue", "lastSavedIn", "lastSavedInPolycopeProgra
 _WHOLE: Final = ("position", "relativeFromPosition", "expression", "SafetySettings")  # parts make no sense alone
 _DATES: Final = ("createdDate", "lastSavedDate", "lastModifiedDate")
 _NOTHING: Final = object()  # no value in JSON
+_SHOWN: Final = 60  # characters of a value in a conflict
+_LISTED: Final = 3  # values of an element in conflicts
 
 
 class ElementMerge:
@@ -55,7 +57,7 @@ class ElementMerge:
             return
         whole = key[0] in _WHOLE or None in (b, o, t) or (self._named and object_key(o) is not None)
         if ours != base and whole:
-            self.conflicts.append(f"{path}: both versions changed it")
+            self.conflicts += _of_places(path, o, t)
             if o is not None:
                 return
         if not whole:
@@ -96,7 +98,7 @@ class ElementMerge:
 
     def _value(self, base: str | None, ours: str | None, theirs: str | None, path: str) -> str | None:
         if ours != base and theirs not in (base, ours):
-            self.conflicts.append(f"{path}: {shortened(ours)} in ours, {shortened(theirs)} in theirs")
+            self.conflicts.append(_conflict(path, ours, theirs))
             return ours
         return ours if theirs == base else theirs
 
@@ -127,8 +129,32 @@ def _parts(element: Element, skip: Sequence[str]) -> dict[tuple[str, str], Eleme
     return found
 
 
-def shortened(value: object) -> str:
-    return "-" if value is None else f"{str(value)[:60]!r}"
+def _conflict(path: str, ours: object, theirs: object) -> str:
+    """Both values of a conflict; long ones from shortly before the first difference."""
+    texts = [value if isinstance(value, str) else json.dumps(value, ensure_ascii=False) for value in (ours, theirs)]
+    same = next((at for at, (a, b) in enumerate(zip(*texts, strict=False)) if a != b), 0)
+    start = max(0, same - _SHOWN // 3) if max(map(len, texts)) > _SHOWN else 0
+    first, second = (
+        "-"
+        if value is None
+        else repr("..." * bool(start) + text[start:][:_SHOWN] + "..." * (len(text) > start + _SHOWN))
+        for value, text in zip((ours, theirs), texts, strict=True)
+    )
+    return f"{path}: {first} in ours, {second} in theirs"
+
+
+def _of_places(path: str, ours: Element | None, theirs: Element | None) -> list[str]:
+    """The conflicts of an element that is merged as a whole: who deleted it, or the first values that differ."""
+    first, second = (dict(flat(each, path)) if each is not None else {} for each in (ours, theirs))
+    if ours is None or theirs is None:
+        gone, there = ("ours", "theirs") if ours is None else ("theirs", "ours")
+        values = ", ".join(
+            f"{key.removeprefix(path).lstrip('.')} {value}".strip() for key, value in (first | second).items()
+        )
+        return [f"{path}: {gone} deleted it, {there} changed it: {values[: 2 * _SHOWN]}"]
+    keys = [key for key in {**first, **second} if first.get(key) != second.get(key)]
+    found = [_conflict(key, first.get(key), second.get(key)) for key in keys[:_LISTED]]
+    return found or [f"{path}: both versions changed it"]
 
 
 # other files
@@ -174,7 +200,7 @@ def _json(base: Any, ours: Any, theirs: Any, path: str, conflicts: list[str]) ->
             merged_rows = _json(first, second, _in_order(second, third), path, conflicts)
             return list(merged_rows.values())
     if not path.endswith(_DATES):
-        conflicts.append(f"{path}: {shortened(ours)} in ours, {shortened(theirs)} in theirs")
+        conflicts.append(_conflict(path, *(None if each is _NOTHING else each for each in (ours, theirs))))
     return ours
 
 

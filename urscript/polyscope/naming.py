@@ -29,3 +29,9 @@ def quoted(text: str) -> str:
 def truth(text: str) -> str:
     """A digital value in URScript; files contain 1 and 0, or true and false."""
     return "True" if text.strip().lower() in ("1", "true", "on", "high", "hi") else "False"
+
+
+def tag_in_words(tag: str) -> str:
+    """The tag of a node as its title: of a Java class, ``gui.program.direction.MoveDirectionNode``, Move direction."""
+    words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in tag.rpartition(".")[2])
+    return words.removesuffix(" node").strip().capitalize()

@@ -6,6 +6,7 @@ from typing import Final
 from urproto.versions import PolyscopeVersion
 from urscript.polyscope.document import Element
 from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.naming import tag_in_words
 from urscript.polyscope.program import write_steps
 from urscript.polyscope.tree import ProgramTree
 from urscript.polyscope.writer import ExternalControlCode
@@ -42,5 +43,4 @@ def _name(element: Element) -> str:
     kind, named = element.tag, element
     if element.tag == "SuppressedNode" and (inner := element.child("suppressedNode")) is not None:
         kind, named = inner.get("class") or kind, inner
-    words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in kind)
-    return named.attributes.get("name") or words.removesuffix(" node").strip().capitalize()
+    return named.attributes.get("name") or tag_in_words(kind)

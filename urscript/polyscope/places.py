@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from urscript.polyscope.document import Element
+from urscript.polyscope.naming import tag_in_words
 from urscript.polyscope.registry import Kind, kind_of
 from urscript.polyscope.tree import tag_of
 
@@ -43,7 +44,7 @@ class Spot:
     def title(self) -> str:
         """The text of its line in the tree."""
         if self.kind is None:
-            return tag_of(self.written)
+            return " ".join(filter(None, (tag_in_words(tag_of(self.written)), self.node.get("name"))))
         return self.kind.shown(self.node) or self.kind.title
 
     @property

@@ -166,7 +166,7 @@ def test_programs_in_literals_are_found_where_the_host_file_has_them(findings, n
     assert [row[:5] for row in rows] == [f"lost{number}" for number in numbers]
 
 
-def test_a_folder_has_scripts_and_program_trees_without_one(check, findings):
+def test_a_folder_has_scripts_and_program_trees(check, findings):
     version, arm = PolyscopeVersion(5, 22), load_model("ur5e")
     root = new_program("tree", version, arm, external_control=False)
     editor = ProgramEditor(root, "tree", InstallationFile(), version, arm)
@@ -183,9 +183,14 @@ def test_a_folder_has_scripts_and_program_trees_without_one(check, findings):
         ("cell/a.script", 1, 1, "URS002"),
         ("cell/tree.urp", 4, 5, "URS002"),
     ]
-    assert findings({"cell/tree.script": "sync()\n"}, "cell") == [("cell/a.script", 1, 1, "URS002")]
+    script = 'def tree():\n  $ 2 "Robot Program"\n  $ 3 "Wait"\n  sleep(0.5)\n  $ 4 "Script"\n  grip()\nend\n'
+    of_scripts = [("cell/a.script", 1, 1, "URS002"), ("cell/tree.script", 6, 3, "URS002")]
+    assert findings({"cell/tree.script": script}, "cell") == of_scripts  # not of tree.urp as well
+    stale = {"cell/tree.script": script.replace("0.5", "0.7")}
+    assert findings(stale, "cell") == [*of_scripts, ("cell/tree.urp", 3, 1, "URS108")]
     editor.insert("script", into=ROOT, values={"type": "File", "file": "/programs/a.script"})
-    assert findings({"cell/tree.urp": editor.document()}, "cell") == []  # a.script is a part of tree
+    found = findings({"cell/tree.urp": editor.document()}, "cell")
+    assert not [file for file, *_ in found if file == "cell/a.script"]  # a.script is a part of tree
     editor.insert("set", into=ROOT, values={"type": "DigitalOutput", "output": "digital_out[0]", "level": "1"})
     broken = editor.document().replace(b"digital_out[0]", b"nowhere")
     assert [code for *_, code in findings({"broken.urp": broken})] == ["URS004"]
