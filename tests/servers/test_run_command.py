@@ -421,7 +421,7 @@ def test_invalid_run_options(
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("- 1", "it must be a mapping, not a list"),
+        ("- 1", "must be a mapping, not a list"),
         ("ftp: {}", "unknown 'ftp'; allowed are sockets, xmlrpc, modbus"),
         ("sockets: {10.0.0.1: {}}", "is not an address"),
         ("sockets: {'a:1': {says: b}}", "a:1: unknown 'says'; allowed are expect, delay"),
