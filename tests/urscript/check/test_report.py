@@ -148,12 +148,14 @@ HOSTILE = {
 def test_hostile_files_take_time_in_proportion_to_their_size(check, name):
     """Four times the size takes less than eight times as long (16, were it quadratic); what is fast anyway may vary."""
     whole = HOSTILE[name]
-    took = []
-    for text in (whole[: len(whole) // 4], whole):
+    took: list[float] = []
+    for text in (whole[: len(whole) // 4], whole) * 3:  # other programs may slow down one of them
         began = time.process_time()
         check({name: text, "urscript.toml": 'templates = ["braces.*", "holes.*"]'}, name)
         took.append(time.process_time() - began)
-    assert took[1] < max(8.0 * took[0], 0.5), took
+        if len(took) % 2 == 0 and took[-1] < max(8.0 * took[-2], 0.5):
+            return
+    pytest.fail(f"the whole takes too long, each time after a quarter of it: {took} s")
 
 
 def test_a_long_chain_of_calls_is_no_error(check):
