@@ -3,7 +3,7 @@
 
 enum { CHILDREN = 256 };
 
-static const int64_t POLLED_NS = 2 * 1000000; /* at most, from one look at a descriptor without data to the next */
+static const int64_t POLLED_NS = 2 * 1000000; /* at most, from one look at a descriptor without data to the next; guess */
 static __thread int empty = -1;               /* the descriptor that this thread has found to be without data */
 
 static int64_t receive_limit[DESCRIPTORS]; /* SO_RCVTIMEO [ns] */
@@ -258,34 +258,36 @@ static bool readable(int fd, int flags)
 }
 
 /* What may make the descriptors of others ready. */
-#define TOUCHING(type, name, parameters, ...)  \
-    type name parameters                       \
-    {                                          \
-        if (S)                                 \
-            S->touched = true;                 \
-        return REAL(name)(__VA_ARGS__);        \
-    }
+static void touch(void)
+{
+    if (S)
+        S->touched = true;
+}
 
 /* And fills the buffer of a connection, if others never get the time to read from it. */
-#define SENDING(type, name, parameters, ...)   \
-    type name parameters                       \
-    {                                          \
-        if (S && !outside)                     \
-            look();                            \
-        if (S)                                 \
-            S->touched = true;                 \
-        return REAL(name)(__VA_ARGS__);        \
+static void send_more(void)
+{
+    if (S && !outside)
+        look();
+    touch();
+}
+
+#define AFTER(before, type, name, parameters, ...) \
+    type name parameters                           \
+    {                                              \
+        before();                                  \
+        return REAL(name)(__VA_ARGS__);            \
     }
 
-TOUCHING(ssize_t, write, (int fd, const void *data, size_t size), fd, data, size)
-TOUCHING(ssize_t, writev, (int fd, const struct iovec *parts, int n), fd, parts, n)
-SENDING(ssize_t, send, (int fd, const void *data, size_t size, int flags), fd, data, size, flags)
-SENDING(ssize_t, sendmsg, (int fd, const struct msghdr *message, int flags), fd, message, flags)
-SENDING(ssize_t, sendto,
-        (int fd, const void *data, size_t size, int flags, const struct sockaddr *to, socklen_t length), fd, data,
-        size, flags, to, length)
-TOUCHING(int, connect, (int fd, const struct sockaddr *address, socklen_t length), fd, address, length)
-TOUCHING(int, shutdown, (int fd, int how), fd, how)
+AFTER(touch, ssize_t, write, (int fd, const void *data, size_t size), fd, data, size)
+AFTER(touch, ssize_t, writev, (int fd, const struct iovec *parts, int n), fd, parts, n)
+AFTER(send_more, ssize_t, send, (int fd, const void *data, size_t size, int flags), fd, data, size, flags)
+AFTER(send_more, ssize_t, sendmsg, (int fd, const struct msghdr *message, int flags), fd, message, flags)
+AFTER(send_more, ssize_t, sendto,
+      (int fd, const void *data, size_t size, int flags, const struct sockaddr *to, socklen_t length), fd, data, size,
+      flags, to, length)
+AFTER(touch, int, connect, (int fd, const struct sockaddr *address, socklen_t length), fd, address, length)
+AFTER(touch, int, shutdown, (int fd, int how), fd, how)
 
 ssize_t read(int fd, void *data, size_t size) { return readable(fd, 0) ? REAL(read)(fd, data, size) : -1; }
 

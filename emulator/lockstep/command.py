@@ -52,7 +52,7 @@ def _exec(
             )
             try:
                 running.enter_context(emulator)
-            except EmulatorError as error:
+            except EmulatorError as error:  # what the emulator printed is the whole answer to a wrong option
                 raise ConfigError(str(error).rpartition("ur-emulator: ")[2].strip()) from error
         status = _run(command, environment, clock)
     raise typer.Exit(status)
