@@ -37,6 +37,8 @@ def formatted(text: str) -> str:
     result = _Layout(bare, tokens).text()
     if _meanings(run_to_end(tokenize(result))) != _meanings(tokens):
         raise AssertionError("formatting would change the program")
+    if result.startswith("\ufeff"):  # a stray one, which must not become the text's byte order mark
+        result = "\n" + result
     return text[: text.startswith("\ufeff")] + (result.replace("\n", "\r\n") if crlf else result)
 
 

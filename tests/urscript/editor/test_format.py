@@ -6,7 +6,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.budget import examples
@@ -115,6 +115,7 @@ def test_files_of_this_repository(path: Path) -> None:
 
 
 @settings(max_examples=examples(300))
+@example([("\r", ""), ("\ufeff", "")])
 @given(st.lists(st.tuples(st.sampled_from(WORDS), st.sampled_from(SPACES)), max_size=40))
 def test_any_text_keeps_its_tokens_and_comments(parts: list[tuple[str, str]]) -> None:
     """Also one that is not a program."""
