@@ -286,7 +286,7 @@ def test_a_ring_drops_what_is_older_once_another_process_has_proven_new_beginnin
     while "begin" not in next(read_journal(recorder.journal))[2]:
         robot.set_digital_output(1, not robot.state(["actual_digital_output_bits"])["actual_digital_output_bits"] & 2)
         robot.step(500)
-        time.sleep(0.05)  # for the other process
+        time.sleep(0.3)  # for the other process
     robot.send_script(MOVE)
     assert robot.inject_fault("lagging_joint", joint=2, lasting=0.1) == number + 1
     robot.step(500)
