@@ -10,7 +10,9 @@ sys.path.insert(0, str(Path(__file__).parent))  # the helper next to this file; 
 
 from tests_of_users import PLUGIN
 
-_QUIET = ("-p", "no:cacheprovider", "-W", "ignore::pytest.PytestDeprecationWarning")
+# Plug-ins of this project's own tests, which users need not have, take two thirds of the time until pytest is ready.
+_WITHOUT = ("cacheprovider", "hypothesispytest", "pytest-lsp")
+_QUIET = (*(f"-pno:{name}" for name in _WITHOUT), "-W", "ignore::pytest.PytestDeprecationWarning")
 PATIENCE_S = 100.0
 
 if sys.platform != "linux":  # leaked ports are detected, and separate loopback addresses exist, on Linux

@@ -5,7 +5,7 @@ from another arm.
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from math import log
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +18,7 @@ from urproto.vectors import Vector6, as_six
 _FILE: Final = Path(__file__).with_name("measured.toml")
 
 
+@lru_cache(maxsize=32)
 def drivetrain_of(model: RobotModel) -> Drivetrain:
     """The identified drives of this arm; otherwise those of its model, measured or derived from another arm."""
     if model.drivetrain is not None:
