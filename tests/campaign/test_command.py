@@ -18,6 +18,7 @@ def campaign(*words: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     )
 
 
+@pytest.mark.long
 def test_a_campaign_writes_its_files_prints_a_summary_and_exits_with_a_status(tmp_path: Path) -> None:
     write(tmp_path)
     shown = campaign("trial.yaml", "--dry-run", folder=tmp_path)

@@ -89,6 +89,7 @@ def test_dashboards(answers: Mapping[str, str], pieces: int, grade: Grade | None
         assert text in found["dashboard"].text
 
 
+@pytest.mark.long
 def test_silences_and_held_inputs() -> None:
     """A second driver is refused, and a robot that falls silent every three seconds loses both."""
     with EmulatorProcess(["--running"]) as robot, rtde.BlockingRTDEClient(robot.host, [], [["speed_slider_mask"]]):

@@ -174,9 +174,9 @@ def test_a_protective_stop(client, tmp_path):
     client.request("setExceptionBreakpoints", filters=[])
 
 
-@pytest.mark.parametrize(
-    ("command", "arguments", "message"),
-    [
+def test_wrong_requests(client):
+    client.request("initialize")
+    for command, arguments, message in (
         ("launch", {"program": "none.script"}, "none.script"),
         ("launch", {}, "program"),
         ("launch", {"program": "cell.script", "model": "ur4"}, "ur4"),
@@ -186,13 +186,10 @@ def test_a_protective_stop(client, tmp_path):
         ("continue", {}, "no program has been launched"),
         ("setBreakpoints", {"breakpoints": [{"line": 1, "hitCondition": "x"}]}, "'x' is not a number of hits"),
         ("stackTrace", {"threadId": 1}, "no program has been launched"),
-    ],
-)
-def test_wrong_requests(client, command, arguments, message):
-    client.request("initialize")
-    response = client.answer(command, **arguments)
-    assert not response["success"]
-    assert message in response["message"]
+    ):
+        response = client.answer(command, **arguments)
+        assert not response["success"], command
+        assert message in response["message"]
 
 
 def test_wrong_expressions(client, cell):

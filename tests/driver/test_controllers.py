@@ -346,6 +346,7 @@ async def test_the_goals_of_a_file_one_after_the_other(robot, target, tmp_path, 
         await publish(target, elsewhere, 0.7, 1)
 
 
+@pytest.mark.long
 @ON_CB3
 async def test_goals_record_what_was_desired_and_what_was(robot, target, tmp_path, capsys):
     there = moved(0.3, 0.0, 0.2, 0.0, 0.0, 0.0)

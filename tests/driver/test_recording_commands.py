@@ -88,6 +88,7 @@ def test_a_signal_finishes_the_file(emulator, tmp_path: Path, suffix: str, numbe
     assert np.all(steps > 0.0)
 
 
+@pytest.mark.long
 def test_ctrl_c_stops_the_arm_softly_and_finishes_the_recording(emulator, tmp_path: Path) -> None:
     file = tmp_path / "goal.mcap"
     with Robot(emulator.host) as robot:

@@ -124,6 +124,7 @@ def test_the_arm_and_the_program_follow_the_cursor(page):
     assert page.evaluate(boxes) == pytest.approx(-0.2)
 
 
+@pytest.mark.long
 def test_keyboard(page):
     begin, end = page.evaluate("() => [trace.run.time(0), trace.run.time(trace.run.samples - 1)]")
     page.keyboard.press("ArrowRight")
@@ -178,6 +179,7 @@ def test_a_link_to_a_moment(page, file):
     expect(page.locator("#clock")).to_have_text("42.000 s")
 
 
+@pytest.mark.long
 def test_two_runs_are_compared(page):
     difference = page.evaluate("trace.difference()")
     movej_ends_s = next(time for time, text in lane(page, "Program line") if "servoj" in text)
@@ -193,6 +195,7 @@ def test_two_runs_are_compared(page):
     expect(page.locator("#difference")).not_to_contain_text(f"at {difference['time']:.3f} s")
 
 
+@pytest.mark.long
 def test_zoom_and_pan_with_the_pointer(page):
     box = page.locator("#lanes").bounding_box()
     page.mouse.click(box["x"] + box["width"] * 0.6, box["y"] + 30)
@@ -204,7 +207,7 @@ def test_zoom_and_pan_with_the_pointer(page):
     page.wait_for_function("left => trace.view().left > left", arg=left)
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.long)])
 def test_accessible_and_not_cut_off(page, scheme):
     page.emulate_media(color_scheme=scheme)
     page.reload()

@@ -127,6 +127,7 @@ def persistent_problems(where: str, find: Callable[[], list[str]]) -> list[str]:
     return []
 
 
+@pytest.mark.long
 def test_dialogues_and_messages_are_accessible(page: Page, robot: Rig) -> None:
     reload(page, "graph")
     click(page.get_by_test_id("choose-0"))
@@ -161,6 +162,7 @@ def test_every_tab_can_be_tapped_and_the_robot_is_named(page: Page, robot: Rig) 
     assert robot.host in page.title()
 
 
+@pytest.mark.long
 def test_keyboard_focus_reaches_all_controls_and_is_visible(page: Page) -> None:
     reload(page, "move")
     expect(page.get_by_test_id("joints-move")).to_be_enabled()

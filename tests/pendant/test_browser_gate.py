@@ -56,6 +56,7 @@ def test_every_screen_complies_with_security_policy(open_page: OpenPage) -> None
     assert refused.json_value() == []
 
 
+@pytest.mark.long
 def test_security_policy_blocks_injected_scripts_and_requests(rig: Rig, browser: Browser) -> None:
     context = browser.new_context()
     try:

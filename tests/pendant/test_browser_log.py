@@ -43,6 +43,7 @@ def test_stop_is_logged_and_texts_are_escaped(rig, open_page):
     assert "C153A2,The position deviates" in Path(download.value.path()).read_text()
 
 
+@pytest.mark.long
 def test_the_run_so_far_can_be_downloaded_as_a_page(rig, open_page, tmp_path):
     page = open_page("log")
     with page.expect_download(timeout=120_000) as download:  # the run is executed again, at a low priority
@@ -52,6 +53,7 @@ def test_the_run_so_far_can_be_downloaded_as_a_page(rig, open_page, tmp_path):
     assert run_in(file)
 
 
+@pytest.mark.long
 def test_a_journal_of_any_run_is_opened_in_another_tab_and_other_files_are_refused(rig, open_page, tmp_path):
     run = virtual_robot("ur3", running=True)
     run.send_script('textmsg("of another robot")')

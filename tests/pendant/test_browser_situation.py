@@ -49,6 +49,7 @@ def test_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
         rig.control.reset_safeguard()
 
 
+@pytest.mark.long
 def test_values_that_are_no_longer_renewed_are_grey(rig: Rig, open_page) -> None:
     page = open_page("initialize")
     old = page.get_by_test_id("old")

@@ -136,6 +136,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         yield domain
 
 
+@pytest.mark.long
 async def test_a_node_that_computes_does_not_delay_the_control_loop(ros: int) -> None:
     with EmulatorProcess(["--model", "ur3"]) as robot, control_process() as link:
         ports = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
