@@ -11,7 +11,7 @@ from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
-SLIDERS = (0.01, 0.03, 0.1, 0.3, 0.33, 0.47, 0.5, 0.51, 0.66, 0.7, 0.75, 0.9, 0.97, 0.99, 1.0)
+SLIDERS = (0.01, 0.03, 0.33, 0.47, 0.51, 0.66, 0.75, 0.99, 1.0)
 PERIODS = [0.002, 0.008]
 
 
@@ -56,7 +56,7 @@ def test_a_spline_of_speeds_ends_at_its_target(make_rig, period_s, fraction, too
     assert rig.largest_acceleration() < 8.0 + 1e-6 if not tool else rig.fault is None
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("period_s", PERIODS)
 def test_moving_the_slider_on_the_way_keeps_the_distance(make_rig, period_s, seed):
     rig, random = make_rig(period_s=period_s), Random(seed)
