@@ -45,6 +45,7 @@ async def set_parameter(peer: Peer, name: str, kind: int, **value: Any) -> None:
     assert answer["results"][0]["successful"]
 
 
+@pytest.mark.long
 async def test_gripper_command() -> None:
     async with emulator("ur5e", speed=2.0, gripper=MODEL) as robot:
         gripper = robot.controller.gripper

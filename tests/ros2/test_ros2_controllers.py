@@ -223,6 +223,7 @@ async def test_inputs_and_outputs(lab: Lab) -> None:
     assert version["major"] == 5
 
 
+@pytest.mark.long
 async def test_force_mode(lab: Lab) -> None:
     start, request = "/force_mode_controller/start_force_mode", {
         "task_frame": {"header": {"frame_id": "tool0"}, "pose": {"orientation": {"w": 1.0}}},
