@@ -79,6 +79,7 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "doctor:doctor_command",
         "Examine this machine, the network and the robot within seconds. Exit status 1 if something cannot work.",
     ),
+    "mcp": ("mcp:mcp_command", "Serve tools for an assistant over standard input and output (MCP), until its end."),
     "pendant": ("pendant:pendant_command", "Serve a teach pendant for a robot or an emulator, until Ctrl-C."),
     "installation": (
         "installation:installation_app",

@@ -98,6 +98,11 @@ CLIENT_LAYERS: dict[str, Layer] = {
     "doctor": Layer(
         "command line: checks of this machine and its connection to a robot", ("client.doctor",), ("ports", "driver")
     ),
+    "mcp": Layer(
+        "command line: tools for assistants",
+        ("client.mcp",),
+        ("ports", "cameras", "driver", "robot", "programs"),
+    ),
     "commands": Layer(
         "command line: `ur-client`",
         ("client.cli", "client.commands", "client.__main__"),
@@ -117,6 +122,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "pendant",
             "programs",
             "doctor",
+            "mcp",
         ),
     ),
 }

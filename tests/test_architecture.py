@@ -69,6 +69,7 @@ THIRD_PARTY = {
     "mujoco": ("emulator.physics",),
     "PIL": ("emulator.physics.drawing", "client.lerobot"),
     "gymnasium": ("emulator.learning",),
+    "mcp": ("client.mcp",),
     "pyarrow": ("emulator.campaign.journal", "client.lerobot.dataset"),
     "ray": ("emulator.campaign.cluster",),
     "fastapi": ("client.pendant.web_security", "client.pendant.live", "client.pendant.server"),
