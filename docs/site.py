@@ -3,7 +3,8 @@
 The pages are written to be read in a repository browser too, so their links lead to files there. Here they are copied
 to ``build/pages`` with those links turned into links of the site, and rendered by Zensical into ``build/site``. What a
 page shows of the repository beside pages (an example, a manifest) comes along as a file. Nothing is fetched. At the end
-every link and anchor of every page is followed; one that leads nowhere is an error.
+every link and anchor of every page is followed; one that leads nowhere is an error. For assistants, ``llms.txt`` lists
+the pages and ``llms-full.txt`` has their text (https://llmstxt.org).
 """
 
 import posixpath
@@ -14,7 +15,10 @@ import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
+
+from urproto.compat import load_toml
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build"
@@ -46,6 +50,8 @@ def main() -> int:
         if done.returncode:
             return done.returncode
         broken = [*dead_links(BUILD / "site")]
+        for name, text in for_assistants(BUILD / "pages").items():
+            (BUILD / "site" / name).write_text(text, encoding="utf-8")
     except BrokenLinkError as problem:
         broken = [str(problem)]
     for line in broken:
@@ -132,6 +138,32 @@ def _copy(target: str, folder: Path) -> None:
         listed.append(f"- [`{name}`]({shown.relative_to(there).as_posix()})")
     there.mkdir(parents=True, exist_ok=True)
     (there / "index.md").write_text(f"# Files in `{target}`\n\n" + "\n".join(listed) + "\n", encoding="utf-8")
+
+
+def for_assistants(folder: Path) -> dict[str, str]:
+    """The files for assistants, by name, from the staged pages."""
+    project = load_toml(CONFIG.read_text(encoding="utf-8"))["project"]
+    head = f"# {project['site_name']}\n\n> {project['site_description']}\n"
+    listed, full = [head, "\n"], [head]
+    for title, page in _entries(project["nav"]):
+        if not page:
+            listed.append(f"\n## {title}\n\n")
+            continue
+        text = (folder / page).read_text(encoding="utf-8")
+        listed.append(f"- [{title}]({page.removesuffix('.md')}.html)\n")
+        full.append(f"\n<!-- {page} -->\n{text}")
+    return {"llms.txt": "".join(listed), "llms-full.txt": "".join(full)}
+
+
+def _entries(nav: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    """Each page's title and place; each section's title before its pages."""
+    for entry in nav:
+        for title, inside in entry.items():
+            if isinstance(inside, str):
+                yield title, inside
+            else:
+                yield title, ""
+                yield from _entries(inside)
 
 
 class _Page(HTMLParser):

@@ -41,6 +41,8 @@ def test_the_site_builds_without_dead_links(copy: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     site = copy / "build" / "site"
     assert 'id="client.AsyncRobot.make_ready"' in (site / "api" / "robot.html").read_text()  # from a docstring
+    assert "- [Editors](editors.html)\n" in (site / "llms.txt").read_text()
+    assert (copy / "docs" / "writing.md").read_text() in (site / "llms-full.txt").read_text()
     assert (site / "files" / "examples" / "table.yaml").read_text() == (ROOT / "examples" / "table.yaml").read_text()
 
 
