@@ -110,14 +110,6 @@ def compare_files(before: Path, after: Path) -> list[Change]:
     return changes
 
 
-def save_page(path: Path, page: str) -> None:
-    """Write a page for browsers. Raises FileError."""
-    try:
-        write_file(path, to_bytes(page))
-    except OSError as error:
-        raise FileError(path, _reason(error)) from None
-
-
 def merge_into(base: Path, ours: Path, theirs: Path) -> list[str]:
     """Merge their changes since the base into our file, and return the conflicts. Raises FileError.
 

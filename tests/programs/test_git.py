@@ -186,12 +186,6 @@ def test_diff_lists_added_removed_moved_and_changed_nodes(tmp_path):
     found = json.loads(CliRunner().invoke(program_app, [*arguments, "--json"]).output)
     assert [change["how"] for change in found] == ["moved", "removed", "changed", "added"]
     assert found[2]["values"]["Time"] == ["0.1 s", "9.0 s"]
-    made.insert("comment", into=ROOT, values={"comment": "<b>"})
-    (tmp_path / "b.urp").write_bytes(file_of(made))
-    CliRunner().invoke(program_app, [*arguments, "--html", str(tmp_path / "page.html")])
-    page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "Time: <del>0.1 s</del> <ins>9.0 s</ins>" in page
-    assert "Comment &#x27;&lt;b&gt;&#x27;" in page
     (tmp_path / "c.installation").write_bytes(write_document(new_installation(E_SERIES)))
     with pytest.raises(URError, match="compare equal kinds"):
         raise CliRunner().invoke(program_app, ["diff", arguments[1], str(tmp_path / "c.installation")]).exception
