@@ -12,8 +12,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from client.errors import ClientError, FileError
 from client.programs import all_problems, controller, open_lines, open_program
 from client.recording.trace import arm_of
@@ -135,7 +133,7 @@ def _taught(editor: ProgramEditor) -> Iterator[_Taught]:
 def _arm(editor: ProgramEditor, taught: Sequence[_Taught], model: str | None) -> RobotModel:
     """The chosen arm, or the one with which the waypoints were taught, if it exists in the program's version."""
     chosen, _ = controller(model, str(editor.version))
-    found = None if model else arm_of(np.array([p.joints for p in taught]), np.array([p.flange for p in taught]))
+    found = None if model else arm_of([point.joints for point in taught], [point.flange for point in taught])
     try:
         return found if found is not None and choose_version(str(editor.version), found) else chosen
     except ValueError:

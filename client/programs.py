@@ -29,7 +29,7 @@ from urscript.polyscope.saved_script import read_saved_script
 from urscript.polyscope.stale import saved_in, stale_nodes
 from urscript.polyscope.tree import TreeError, is_external_control, tag_of
 from urscript.polyscope.urpx import UrpxError, counterpart
-from urscript.work import run_to_end
+from urscript.work import gc_paused, run_to_end
 
 _ALWAYS_USED: Final = ("mounting", "payloads")  # parts of an installation
 _SYNTAX_ERROR: Final = "syntax error"
@@ -98,12 +98,17 @@ def compare_files(before: Path, after: Path) -> list[Change]:
 
     Raises FileError for a file that cannot be read, and ClientError for files of different kinds.
     """
+    with gc_paused():
+        return _changes(before, after)
+
+
+def _changes(before: Path, after: Path) -> list[Change]:
     old, new = open_lines(before), open_lines(after)
     if old.kind != new.kind:
         raise ClientError(f"{before} is of the kind {old.kind} and {after} of the kind {new.kind}: compare equal kinds")
     changes = differences(old, new)
     if old.kind == "program":
-        first, second = _installation_lines(before), _installation_lines(after)
+        first, second = _installation_lines(before, old), _installation_lines(after, new)
         if first is not None and second is not None:
             used = {value for _, line in chain(old.walk(), new.walk()) for value in line.content.values()}
             changes += [change for change in differences(first, second) if _concerns(change, used)]
@@ -116,7 +121,8 @@ def merge_into(base: Path, ours: Path, theirs: Path) -> list[str]:
     A file that cannot be read or merged is one conflict, and ours stays as it is.
     """
     try:
-        merged = merge_files(*map(read_file, (base, ours, theirs)))
+        with gc_paused():
+            merged = merge_files(*map(read_file, (base, ours, theirs)))
     except (OSError, DocumentError, TreeError, UrpxError) as error:
         return [f"it cannot be merged, and stays as it is in ours: {_reason(error)}"]
     try:
@@ -126,10 +132,10 @@ def merge_into(base: Path, ours: Path, theirs: Path) -> list[str]:
     return merged.conflicts
 
 
-def _installation_lines(path: Path) -> Line | None:
-    root = read_document(read_file(path))
-    folder = ProgramsFolder(path.absolute().parent)
-    found = folder.installation(root.get("installationRelativePath"), root.get("installation"))
+def _installation_lines(path: Path, program: Line) -> Line | None:
+    """The lines of the installation that a program was saved with, if it is in the folder."""
+    names = (program.content.get(name, "") for name in ("installationRelativePath", "installation"))
+    found = ProgramsFolder(path.absolute().parent).installation(*names)
     return open_lines(found) if found is not None else None
 
 

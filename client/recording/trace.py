@@ -11,7 +11,6 @@ from urproto.robots import MODELS, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_inv, pose_trans
 from urproto.trace.model import Trace
 
-_Rows = npt.NDArray[np.float64]
 _SAMPLES: Final = 50  # of a recording, by which its arm is recognised
 _ALIKE_M: Final = 0.02  # guess: calibrated arms differ by millimetres from nominal ones, models by centimetres
 
@@ -48,15 +47,16 @@ def recognised(recording: Recording) -> RobotModel | None:
     return arm_of(both[:, :6], both[:, 6:])
 
 
-def arm_of(q_rad: _Rows, tcp_poses: _Rows) -> RobotModel | None:
+def arm_of(q_rad: npt.ArrayLike, tcp_poses: npt.ArrayLike) -> RobotModel | None:
     """The arm whose flange, by its kinematics, keeps its distance from the TCP; None if none does.
 
     q_rad, tcp_poses: arrays (n, 6), at the same times.
     """
-    if not len(q_rad):
+    q, pose = np.asarray(q_rad), np.asarray(tcp_poses)
+    if not len(q):
         return None
-    rows = np.linspace(0, len(q_rad) - 1, _SAMPLES).astype(int)
-    q, pose = q_rad[rows], tcp_poses[rows]
+    rows = np.linspace(0, len(q) - 1, _SAMPLES).astype(int)
+    q, pose = q[rows], pose[rows]
 
     def distance_m(model: RobotModel) -> tuple[float, float]:
         """From flange to TCP: by how much it changes, and what it is."""

@@ -145,7 +145,7 @@ def _conflict(path: str, ours: object, theirs: object) -> str:
 
 def _of_places(path: str, ours: Element | None, theirs: Element | None) -> list[str]:
     """The conflicts of an element that is merged as a whole: who deleted it, or the first values that differ."""
-    first, second = (dict(flat(each, path)) if each is not None else {} for each in (ours, theirs))
+    first, second = (flat(each, path) if each is not None else {} for each in (ours, theirs))
     if ours is None or theirs is None:
         gone, there = ("ours", "theirs") if ours is None else ("theirs", "ours")
         values = ", ".join(
