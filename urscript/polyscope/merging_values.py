@@ -37,6 +37,11 @@ class ElementMerge:
         self.merge(base, ours, theirs, ours.tag)
         return self.conflicts
 
+    def take_conflicts(self) -> list[str]:
+        """The conflicts since the last call."""
+        found, self.conflicts = self.conflicts, []
+        return found
+
     def merge(self, base: Element, ours: Element, theirs: Element, path: str, skip: Sequence[str] = ()) -> None:
         """Merge attributes, text and children, except those with the tags ``skip``."""
         base, ours, theirs = base.resolved(), ours.resolved(), theirs.resolved()
