@@ -29,7 +29,7 @@ from urscript.polyscope.numbers import six, taught_pose
 from urscript.polyscope.tree import TreeError, tag_of
 
 _LIMITS: Final = ("--timeout", "60", "--script-network", "none")  # robot time [s]; guess: most cycles are shorter
-_PATIENCE_S: Final = 300.0  # such a run usually takes ten seconds
+_PATIENCE_S: Final = 120.0  # such a run usually takes ten seconds; guess: more than that is a loop that only computes
 _RESULT: Final = "result  "
 
 
@@ -87,7 +87,7 @@ class _Side:
             try:
                 done = subprocess.run(command, input=script, capture_output=True, timeout=_PATIENCE_S)
             except subprocess.TimeoutExpired:
-                raise self._not_run(f"a minute of it takes longer than {_PATIENCE_S:g} s") from None
+                raise self._not_run(f"the first minute of it takes longer than {_PATIENCE_S:g} s to compute") from None
             except OSError as error:
                 raise self._not_run(f"urscript run: {error.strerror or error}") from None
             if not page.exists():
