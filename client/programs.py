@@ -5,6 +5,7 @@ The program trees and their editing are in `urscript.polyscope`.
 
 import json
 import subprocess
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
@@ -29,7 +30,7 @@ from urscript.polyscope.saved_script import read_saved_script
 from urscript.polyscope.stale import saved_in, stale_nodes
 from urscript.polyscope.tree import TreeError, is_external_control, tag_of
 from urscript.polyscope.urpx import UrpxError, counterpart
-from urscript.work import run_to_end
+from urscript.work import gc_paused, run_to_end
 
 _ALWAYS_USED: Final = ("mounting", "payloads")  # parts of an installation
 _SYNTAX_ERROR: Final = "syntax error"
@@ -72,13 +73,21 @@ def open_program(path: Path, model: str | None = None, polyscope: str | None = N
 
     Raises FileError if the file is not a program, and ClientError for an unknown arm or version.
     """
+    try:
+        return _program(path.read_bytes(), path, model, polyscope)
+    except OSError as error:
+        raise FileError(path, _reason(error)) from None
+
+
+def _program(data: bytes, path: Path, model: str | None = None, polyscope: str | None = None) -> ProgramEditor:
+    """Open a program from the contents of its file, at a path that need not exist; errors as `open_program`."""
     folder = ProgramsFolder(path.absolute().parent)
     try:
-        root = read_document(path.read_bytes())
+        root = read_document(data)
         version = saved_in(root)
         arm, version = controller(model, polyscope or (None if model else str(version)))
         installation = find_installation(root, folder)
-        script = path.with_suffix(".script")
+        script = path.with_suffix(SCRIPT_SUFFIX)
         saved = run_to_end(read_saved_script(from_bytes(script.read_bytes()) if script.is_file() else ""))
         return ProgramEditor(root, path.stem, installation, version, arm, saved_script=saved, folder=folder)
     except (OSError, DocumentError, TreeError) as error:
@@ -98,46 +107,61 @@ def compare_files(before: Path, after: Path) -> list[Change]:
 
     Raises FileError for a file that cannot be read, and ClientError for files of different kinds.
     """
+    with gc_paused():
+        return _changes(before, after)
+
+
+def _changes(before: Path, after: Path) -> list[Change]:
     old, new = open_lines(before), open_lines(after)
     if old.kind != new.kind:
         raise ClientError(f"{before} is of the kind {old.kind} and {after} of the kind {new.kind}: compare equal kinds")
     changes = differences(old, new)
     if old.kind == "program":
-        first, second = _installation_lines(before), _installation_lines(after)
+        first, second = _installation_lines(before, old), _installation_lines(after, new)
         if first is not None and second is not None:
             used = {value for _, line in chain(old.walk(), new.walk()) for value in line.content.values()}
             changes += [change for change in differences(first, second) if _concerns(change, used)]
     return changes
 
 
-def save_page(path: Path, page: str) -> None:
-    """Write a page for browsers. Raises FileError."""
-    try:
-        write_file(path, to_bytes(page))
-    except OSError as error:
-        raise FileError(path, _reason(error)) from None
-
-
-def merge_into(base: Path, ours: Path, theirs: Path) -> list[str]:
+def merge_into(base: Path, ours: Path, theirs: Path, path: Path) -> list[str]:
     """Merge their changes since the base into our file, and return the conflicts. Raises FileError.
 
-    A file that cannot be read or merged is one conflict, and ours stays as it is.
+    A file that cannot be read or merged is one conflict, and ours stays as it is. path: of the file itself, next to
+    which its installation is.
     """
     try:
-        merged = merge_files(*map(read_file, (base, ours, theirs)))
+        versions = [read_file(version) for version in (base, ours, theirs)]
+        with gc_paused():
+            merged = merge_files(*versions)
     except (OSError, DocumentError, TreeError, UrpxError) as error:
         return [f"it cannot be merged, and stays as it is in ours: {_reason(error)}"]
     try:
         write_file(ours, merged.data)
     except OSError as error:
         raise FileError(ours, _reason(error)) from None
-    return merged.conflicts
+    return merged.conflicts or _new_problems(versions[1:], merged.data, path)
 
 
-def _installation_lines(path: Path) -> Line | None:
-    root = read_document(read_file(path))
-    folder = ProgramsFolder(path.absolute().parent)
-    found = folder.installation(root.get("installationRelativePath"), root.get("installation"))
+def _new_problems(versions: Sequence[bytes], merged: bytes, path: Path) -> list[str]:
+    """What keeps a merged program from running, if both of its versions can be run."""
+    if merged in versions:
+        return []
+    try:
+        editor = _program(merged, path)
+        found = all_problems(editor)
+        if not found or any(all_problems(_program(version, path)) for version in versions):
+            return []
+    except ClientError:  # not a program, or nothing to check it with
+        return []
+    titles = {row.id: f"{row.title}: " for row in editor.rows()}
+    return [f"{titles.get(each.node, '')}only the merged program cannot be run: {each.message}" for each in found]
+
+
+def _installation_lines(path: Path, program: Line) -> Line | None:
+    """The lines of the installation that a program was saved with, if it is in the folder."""
+    names = (program.content.get(name, "") for name in ("installationRelativePath", "installation"))
+    found = ProgramsFolder(path.absolute().parent).installation(*names)
     return open_lines(found) if found is not None else None
 
 

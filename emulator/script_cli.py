@@ -82,6 +82,13 @@ def _functions(options: Namespace) -> int:
 # run
 
 
+def _run_arguments(parser: ArgumentParser) -> None:
+    add_run_options(parser)
+    parser.add_argument(
+        "--page", type=Path, metavar="FILE.html", help="write a page for browsers: the arm in 3D, a timeline and curves"
+    )
+
+
 def _run(options: Namespace) -> int:
     from emulator import script_run  # here, because it loads the whole emulator: every urscript command imports us
 
@@ -152,7 +159,7 @@ _COMMANDS: Final[dict[str, tuple[str, Callable[[ArgumentParser], None], Callable
     "format": (format_command.HELP, format_command.add_arguments, format_command.run),
     "functions": ("list the built-in functions of a PolyScope version", add_controller_options, _functions),
     "lsp": (lsp_command.HELP, lsp_command.add_arguments, lsp_command.run),
-    "run": ("run a file of URScript programs on an emulated arm, in virtual time", add_run_options, _run),
+    "run": ("run a file of URScript programs on an emulated arm, in virtual time", _run_arguments, _run),
     "test": ("run tests that are written in URScript, in virtual time", _test_arguments, _test),
 }
 """Each command: its help, what adds its arguments, and what runs it and returns the exit status."""

@@ -4,9 +4,11 @@ import asyncio
 import math
 import re
 from argparse import Namespace
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from emulator.batch import Batch, Stimulus, act
@@ -62,15 +64,18 @@ class Outcome:
 def run(options: Namespace) -> int:
     """Compile and run the file; return the exit status."""
     try:
-        return execute(options, print).status
+        return execute(options, print, page=options.page).status
     except ValueError as error:
         return usage_error("urscript run", error)
 
 
-def execute(options: Namespace, print_line: Callable[[str], None], *, record: bool = False) -> Outcome:
+def execute(
+    options: Namespace, print_line: Callable[[str], None], *, record: bool = False, page: Path | None = None
+) -> Outcome:
     """Compile and run the file; `print_line` gets each line of the report. Raises ValueError for invalid options.
 
-    record: whether the outcome has the journal; answers of an operator are not in it.
+    record: whether the outcome has the journal; answers of an operator are not in it. page: where to write the page of
+    the run, unless the file does not compile. Raises ValueError if it cannot be written, too.
     """
     setup, file = _prepared(options, record=record)
     controller = setup.controller
@@ -81,7 +86,8 @@ def execute(options: Namespace, print_line: Callable[[str], None], *, record: bo
     if wrong is not None:
         return Outcome(TROUBLE, f"does not compile: line {wrong.line}: {wrong.message}")
     batch = setup.batch(file, print_line, options)
-    setup.play(batch, options)
+    with _paged(page, file, controller) as after_tick:
+        setup.play(batch, options, after_tick)
     print_line(_final_state(batch, controller))
     journal = b"" if controller.recorder is None else controller.recorder.journal
     return Outcome(TROUBLE if batch.failure else SUCCESS, batch.failure, batch.time_s, journal)
@@ -148,7 +154,7 @@ class Setup:
             stimuli=self.stimuli,
         )
 
-    def play(self, batch: Batch, options: Namespace, after_tick: Callable[[], None] = lambda: None) -> None:
+    def play(self, batch: Batch, options: Namespace, after_tick: Callable[[], Any] = lambda: None) -> None:
         """Carry the run out. A fault that could not act, and a message that a peer still expects, fail it.
 
         after_tick: called after each control period.
@@ -173,6 +179,26 @@ def _record(controller: Controller) -> None:
 
     memory = MemorySink()
     Recorder(JournalWriter(memory), header_of(controller.config), memory).attach(controller)
+
+
+@contextmanager
+def _paged(page: Path | None, file: ScriptFile, controller: Controller) -> Iterator[Callable[[], Any]]:
+    """What to call after each control period; writes the page of the run at its end. Raises ValueError."""
+    if page is None:
+        yield lambda: None
+        return
+    from emulator.journal.header import product_version  # as above
+    from emulator.journal.trace import Tracer
+    from urproto.trace.page import library, packed, write_page
+
+    library()
+    tracer = Tracer(controller, file.name, product_version())
+    yield lambda: tracer.period(controller, controller.time_s)
+    tracer.trace.finish()
+    try:
+        write_page(page, file.name, packed(tracer.trace))
+    except OSError as error:
+        raise ValueError(f"{page}: {error.strerror}") from error
 
 
 def _injected(options: Namespace, controller: Controller) -> "FaultInjector | None":
@@ -240,7 +266,7 @@ async def _drive(
     speed: float | None,
     network: ScriptNetwork,
     peers: Peers,
-    after_tick: Callable[[], None],
+    after_tick: Callable[[], Any],
 ) -> None:
     """Run control periods until the run is over. Raises what a period raises."""
     sockets = NetworkSockets(network, controller.messages.note, port=ScriptPort(lambda: controller.snapshot.timestamp))

@@ -5,12 +5,10 @@ every computer. Commands have half of the share, and jobs, which take many perio
 gets the same part of it. What a piece of work costs beyond the share is deducted from the following periods.
 """
 
-import gc
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Generator
 from typing import Final, Generic, TypeVar
 
-from urscript.work import Steps
+from urscript.work import Steps, gc_paused
 
 WORK_PER_SECOND: Final = 400_000
 """Work per second of controller time [units of `urscript.work`], divided equally among the periods.
@@ -20,8 +18,6 @@ its driver expects the program to call back within 0.5 s.
 """
 
 ResultT = TypeVar("ResultT")
-
-_gc_pauses = 0  # jobs in progress, of all controllers of this process
 
 
 class Job(Generic[ResultT]):
@@ -96,20 +92,3 @@ def in_periods(steps: Steps[ResultT], share: WorkShare) -> Generator[None, None,
         while not share.work(job):
             yield
     return job.result
-
-
-@contextmanager
-def gc_paused() -> Iterator[None]:
-    """Disable the garbage collector, which would traverse every object of a large file or program in one go.
-
-    None of them is garbage before the job is done, and most of them are freed immediately afterwards.
-    """
-    global _gc_pauses
-    _gc_pauses += 1
-    gc.disable()
-    try:
-        yield
-    finally:
-        _gc_pauses -= 1
-        if not _gc_pauses:
-            gc.enable()

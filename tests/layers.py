@@ -84,6 +84,9 @@ CLIENT_LAYERS: dict[str, Layer] = {
     ),
     "lerobot": Layer("recordings as datasets for training policies", ("client.lerobot",), ("ports", "recording")),
     "programs": Layer("program trees: opening, checking, saving", ("client.programs",), ("ports",)),
+    "difference_page": Layer(
+        "program trees: the page of a comparison", ("client.difference_page",), ("ports", "recording", "programs")
+    ),
     "decoding": Layer("traffic: captured bytes in readable form", ("client.decoding",)),
     "traffic": Layer("traffic: recording, replay, comparison", ("client.traffic",), ("ports", "decoding")),
     "controllers": Layer(
@@ -121,6 +124,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "ros2",
             "pendant",
             "programs",
+            "difference_page",
             "doctor",
             "mcp",
         ),

@@ -4,7 +4,9 @@ A step generator yields the amount of work after each piece; its return value is
 microsecond on a small machine. All amounts are estimates from measurements, and only their proportions matter.
 """
 
-from collections.abc import Generator
+import gc
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeAlias, TypeVar
 
 ResultT = TypeVar("ResultT")
@@ -13,6 +15,7 @@ Steps: TypeAlias = Generator[int, None, ResultT]
 """Yields the work done since the last yield; returns the result."""
 
 
+_gc_pauses = 0  # under way in this process
 _SLICE = 100  # elements removed at a time
 
 
@@ -39,3 +42,20 @@ def run_to_end(steps: Steps[ResultT]) -> ResultT:
         except StopIteration as end:
             result: ResultT = end.value
             return result
+
+
+@contextmanager
+def gc_paused() -> Iterator[None]:
+    """Disable the garbage collector, which would traverse every object of a large file or program in one go.
+
+    None of them is garbage before the work is done, and most of them are freed immediately afterwards.
+    """
+    global _gc_pauses
+    _gc_pauses += 1
+    gc.disable()
+    try:
+        yield
+    finally:
+        _gc_pauses -= 1
+        if not _gc_pauses:
+            gc.enable()

@@ -80,14 +80,15 @@ def merge_command(
     base: Annotated[Path, typer.Argument(help="The common earlier version.")],
     ours: Annotated[Path, typer.Argument(help="Our version, which the result replaces.")],
     theirs: Annotated[Path, typer.Argument(help="Their version.")],
-    name: Annotated[str, typer.Argument(help="The file's name, for messages.")] = "",
+    name: Annotated[str, typer.Argument(help="The path of the file, for messages and its installation.")] = "",
 ) -> None:
     """Merge two versions of a file by node, as git's merge driver. Exit status 1 for conflicts.
 
     The result can always be opened: where both versions changed the same, it has ours, and a program also theirs, as a
-    suppressed node or in a comment that begins with MERGE CONFLICT.
+    suppressed node or in a comment that begins with MERGE CONFLICT. A merged program that cannot be run although both
+    versions can is a conflict as well.
     """
-    conflicts = merge_into(base, ours, theirs)
+    conflicts = merge_into(base, ours, theirs, Path(name or ours))
     for conflict in conflicts:
         typer.echo(f"{name or ours}: {conflict}", err=True)
     if conflicts:

@@ -15,12 +15,11 @@ from client.programs import (
     open_lines,
     open_program,
     report_of,
-    save_page,
     set_driver,
     stale_problems,
 )
 from urproto.commandline import AsJson, application, print_json
-from urscript.polyscope.comparing import change_lines, change_page
+from urscript.polyscope.comparing import change_lines
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.editing import ProgramEditor
 from urscript.polyscope.files import INDENT, PROGRAM_SUFFIX, export, new_program, save_program
@@ -121,19 +120,28 @@ def diff_command(
     after: _File,
     as_json: AsJson = False,
     page: Annotated[
-        Path | None, typer.Option("--html", help="Write a page for browsers instead, to this file.")
+        Path | None,
+        typer.Option(
+            "--html", help="Write a page for browsers instead, to this file; of programs, with the path of the tool."
+        ),
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="The arm of that path, for example ur3 (default: recognised by its waypoints).")
     ] = None,
 ) -> None:
     """Print which nodes or settings were added, removed, moved and changed between two files of the same kind.
 
     If both files are programs, the installations next to them are compared as well, for what the programs use of them.
+    For a page, they are run in virtual time, without a network: one cycle, of a minute at most.
     """
     changes = compare_files(before, after)
     if as_json:
         print_json([change.as_dict() for change in changes])
         return
     if page is not None:
-        save_page(page, change_page(changes, str(before), str(after)))
+        from client.difference_page import write_difference_page  # here, because it loads numpy
+
+        write_difference_page(page, before, after, changes, model)
         return
     for line in change_lines(changes):
         typer.echo(line)

@@ -4,6 +4,7 @@ from math import inf
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from client.recording.recording import Recording
 from urproto.robots import MODELS, RobotModel, kinematics_of, load_model
@@ -38,15 +39,24 @@ def trace_of(
 
 
 def recognised(recording: Recording) -> RobotModel | None:
-    """The arm whose flange, by its kinematics, keeps its distance from the recorded TCP; None if none does."""
+    """The arm that was recorded; None if the recording lacks joint angles or poses, or if no arm fits them."""
     if not {"actual_q", "actual_TCP_pose"} <= recording.values.keys():
         return None
     both = np.hstack((recording["actual_q"], recording["actual_TCP_pose"]))
     both = both[np.isfinite(both).all(axis=1)]
-    if not len(both):
+    return arm_of(both[:, :6], both[:, 6:])
+
+
+def arm_of(q_rad: npt.ArrayLike, tcp_poses: npt.ArrayLike) -> RobotModel | None:
+    """The arm whose flange, by its kinematics, keeps its distance from the TCP; None if none does.
+
+    q_rad, tcp_poses: arrays (n, 6), at the same times.
+    """
+    q, pose = np.asarray(q_rad), np.asarray(tcp_poses)
+    if not len(q):
         return None
-    both = both[np.linspace(0, len(both) - 1, _SAMPLES).astype(int)]
-    q, pose = both[:, :6], both[:, 6:]
+    rows = np.linspace(0, len(q) - 1, _SAMPLES).astype(int)
+    q, pose = q[rows], pose[rows]
 
     def distance_m(model: RobotModel) -> tuple[float, float]:
         """From flange to TCP: by how much it changes, and what it is."""

@@ -46,15 +46,21 @@ def trace_of(source: Path, begin_s: float = 0.0, end_s: float = inf) -> tuple[Tr
     Times are uptimes of the robot [s], as if it had never been switched off. Raises JournalError, OSError.
     """
     with Replay(source) as replay:
-        tracer = _Tracer(replay, source.name, begin_s, end_s)
-        replay.run(tracer.period)
+        controller = replay.controller
+        start_s = controller.time_s - replay.periods * controller.period_s
+        tracer = Tracer(controller, source.name, replay.header["product"], begin_s, end_s)
+
+        def period(_: Snapshot) -> bool:
+            return tracer.period(replay.controller, start_s + replay.periods * replay.controller.period_s)
+
+        replay.run(period)
         trace = tracer.trace
         difference = str(replay.difference or "")
         if replay.difference is not None:
             trace.event("Log", tracer.time_s, f"the replay differs from here on: {difference}", "error")
     messages = _Messages(trace, replay.controller.period_s)
     for record in read_journal(source):
-        time_s = tracer.start_s + (record[0] + 1) * replay.controller.period_s  # of the period in which it arrives
+        time_s = start_s + (record[0] + 1) * replay.controller.period_s  # of the period in which it arrives
         if begin_s <= time_s <= min(end_s, tracer.time_s):
             messages.add(time_s, record)
     messages.flush()
@@ -62,27 +68,29 @@ def trace_of(source: Path, begin_s: float = 0.0, end_s: float = inf) -> tuple[Tr
     return trace, difference
 
 
-class _Tracer:
-    """Takes down each period of a replay. start_s: uptime at its beginning; time_s: after its last period."""
+class Tracer:
+    """Takes down each period of a run between two times. time_s: of the last period.
 
-    def __init__(self, replay: Replay, title: str, begin_s: float, end_s: float) -> None:
-        controller = replay.controller
-        self._replay = replay
+    product: the version of this emulator that the run was recorded by.
+    """
+
+    def __init__(
+        self, controller: Controller, title: str, product: str, begin_s: float = 0.0, end_s: float = inf
+    ) -> None:
         self._begin_s, self._end_s = begin_s, end_s
         self._lanes: set[str] = set()
         self._logged = ""
-        self.start_s = controller.time_s - replay.periods * controller.period_s
         self.time_s = controller.time_s
         about = f"{controller.model.title}, PolyScope {controller.version}"
-        self.trace = Trace(title, f"{about}, ur-emulator {replay.header['product']}", controller.model)
+        self.trace = Trace(title, f"{about}, ur-emulator {product}", controller.model)
 
-    def period(self, snapshot: Snapshot) -> bool:
-        """Take down the period that is over; returns whether it was the last one of interest."""
-        controller, trace = self._replay.controller, self.trace
-        self.time_s = time_s = self.start_s + self._replay.periods * controller.period_s
+    def period(self, controller: Controller, time_s: float) -> bool:
+        """Take down the period that ended at this time; returns whether it was the last one of interest."""
+        trace = self.trace
+        self.time_s = time_s
         if time_s < self._begin_s:
             return False
-        sampled = trace.add(time_s, vars(snapshot))
+        sampled = trace.add(time_s, vars(controller.snapshot))
         self._log(controller)
         self._lines(controller)
         world = controller.world

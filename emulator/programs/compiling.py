@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from typing import Final
 
 from emulator.builtins import LIBRARIES
-from emulator.workshare import Job, WorkShare, gc_paused
+from emulator.workshare import Job, WorkShare
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 from urscript.compiler import CompiledProgram, CompiledPrograms, compile_steps, let_go
 from urscript.errors import CompileError
 from urscript.parser import is_secondary
 from urscript.polyscope.tree import TreeError
-from urscript.work import Steps
+from urscript.work import Steps, gc_paused
 
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 

@@ -30,7 +30,9 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 class Repository:
-    """A git repository that does not read this user's configuration."""
+    """A git repository that does not read this user's configuration. errors: of the last command."""
+
+    errors = ""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -48,6 +50,7 @@ class Repository:
             encoding="utf-8",
         )
         assert done.returncode == status, done.stdout + done.stderr
+        self.errors = done.stderr
         return done.stdout
 
     def save(self, name: str, contents: bytes, message: str = "") -> None:
@@ -146,6 +149,31 @@ def test_git_merges_rebases_and_bisects(repository):
     assert (repository.folder / "p.urp").read_bytes() == b"\x1f\x8bnothing"
 
 
+def test_a_merged_program_that_only_together_cannot_be_run_is_a_conflict(repository):
+    """Ours deletes the assignment of a variable that theirs uses in a new node: no value was changed by both."""
+    made = editor(E_SERIES)
+    assignment = made.insert("assignment", into=ROOT, values={"variable": "count", "expression": "1"})
+    wait = made.insert("wait", into=ROOT, values={"type": "Sleep", "time": 0.5})
+    repository.save("p.urp", file_of(made), "Begin")
+    repository("checkout", "-b", "theirs")
+    made.insert("script", after=wait, values={"line": "textmsg(count)"})
+    repository.save("p.urp", file_of(made), "Use it")
+    made.undo()
+    repository("checkout", "main")
+    made.delete(assignment)
+    repository.save("p.urp", file_of(made), "Delete it")
+    repository("merge", "theirs", status=1)
+    problem = "only the merged program cannot be run: variable 'count' is not defined"
+    assert f"p.urp: textmsg(count): {problem}\n" in repository.errors
+    assert any(
+        "textmsg(count)" in line.text for _, line in read_lines((repository.folder / "p.urp").read_bytes()).walk()
+    )
+    repository("merge", "--abort")
+    made.insert("assignment", before=wait, values={"variable": "count", "expression": "2"})
+    repository.save("p.urp", file_of(made), "Assign it elsewhere")
+    repository("merge", "theirs", "-m", "Merge")
+
+
 def test_nodes_of_unknown_types_are_named_and_shown_with_their_settings():
     """Palletizing, Seek and others have no public files with scripts: their settings are shown as they are stored."""
     tag = b"gui.program.some.GridSearchNode"
@@ -186,12 +214,6 @@ def test_diff_lists_added_removed_moved_and_changed_nodes(tmp_path):
     found = json.loads(CliRunner().invoke(program_app, [*arguments, "--json"]).output)
     assert [change["how"] for change in found] == ["moved", "removed", "changed", "added"]
     assert found[2]["values"]["Time"] == ["0.1 s", "9.0 s"]
-    made.insert("comment", into=ROOT, values={"comment": "<b>"})
-    (tmp_path / "b.urp").write_bytes(file_of(made))
-    CliRunner().invoke(program_app, [*arguments, "--html", str(tmp_path / "page.html")])
-    page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "Time: <del>0.1 s</del> <ins>9.0 s</ins>" in page
-    assert "Comment &#x27;&lt;b&gt;&#x27;" in page
     (tmp_path / "c.installation").write_bytes(write_document(new_installation(E_SERIES)))
     with pytest.raises(URError, match="compare equal kinds"):
         raise CliRunner().invoke(program_app, ["diff", arguments[1], str(tmp_path / "c.installation")]).exception

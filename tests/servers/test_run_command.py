@@ -1,11 +1,13 @@
 """``urscript run``: whole files on an emulated arm."""
 
+import base64
 import io
 import json
 import socketserver
 import subprocess
 import sys
 import threading
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from emulator.peers.file import read_peers
 from emulator.peers.log import PeersError
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
+from urproto.trace.page import run_in
 
 ROOT = Path(__file__).resolve().parents[2]
 Go = Callable[..., tuple[int, str]]
@@ -46,6 +49,21 @@ def test_messages_have_the_robot_time_and_the_state_comes_last(go: Go) -> None:
     assert lines[-4] == "joints  [-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310] rad"
     assert lines[-3].startswith("TCP     p[")
     assert lines[-1] == "result  finished"
+
+
+def test_the_page_of_a_run(go: Go, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Written for a run that fails as well; what cannot be written is one line."""
+    page = tmp_path / "run.html"
+    status, out = go('textmsg("there")\nsleep(0.1)\nmovej([9, 0, 0, 0, 0, 0])', "--page", str(page))
+    assert (status, "runtime exception" in out) == (1, True)
+    run = zlib.decompress(base64.b64decode(run_in(page)))
+    header = json.loads(run[4:][: int.from_bytes(run[:4], "little")])
+    texts = {lane["name"]: ["".join(entry[1:2]) for entry in lane["entries"]] for lane in header["lanes"]}
+    assert "there" in texts["Log"]
+    assert "PLAYING" in texts["Program"]
+    assert header["samples"] > 1
+    cli.main(["run", str(tmp_path / "demo.txt"), "--page", str(tmp_path / "no" / "run.html")])
+    assert capsys.readouterr().err == f"urscript run: {tmp_path / 'no' / 'run.html'}: No such file or directory\n"
 
 
 def test_moves_reach_their_target_on_the_selected_arm(go: Go) -> None:

@@ -12,7 +12,7 @@ import sys
 import zlib
 from array import array
 from base64 import b64decode, b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.util import find_spec
 from itertools import pairwise
@@ -107,21 +107,30 @@ def make_page(file: Path, output: Path | None, compare: Path | None, pack: Calla
     return f"{path}: {path.stat().st_size / 1e6:.1f} MB"
 
 
-def write_page(path: Path, title: str, run: str, other: str = "") -> None:
-    """Write the page of a packed run, or of two to compare. Raises TraceError if three.js is missing, OSError."""
+def write_page(
+    path: Path, title: str, run: str, other: str = "", *, above: str = "", details: Sequence[Mapping[str, Any]] = ()
+) -> None:
+    """Write the page of a packed run, or of two to compare. Raises TraceError if three.js is missing, OSError.
+
+    above: HTML to show above the runs. details: of each run, what replaces or adds to its header: its ``title``, and
+    ``waypoints``, positions [m] to mark in its colour.
+    """
     parts = {
         "title": escape(readable(title)),
         "style": _text("trace.css"),
+        "above": above,
         "run": run,
         "other": other,
-        "three": b64encode(zlib.compress(_library(), 9)).decode("ascii"),
+        "details": json.dumps(readable_in(list(details))).replace("<", "\\u003c"),
+        "three": b64encode(zlib.compress(library(), 9)).decode("ascii"),
         "script": "\n".join(map(_text, ("curves.js", "shapes.js", "trace_scene.js", "trace.js"))),
     }
     page = re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _text("trace.html"))
     write_file(path, page)
 
 
-def _library() -> bytes:
+def library() -> bytes:
+    """three.js, which draws the arm. Raises TraceError if it is not installed."""
     spec = find_spec("nicegui")
     if spec is None or not spec.submodule_search_locations:
         raise TraceError(

@@ -203,8 +203,8 @@ def _kind(line: Line) -> Hashable | None:
     return line.kind if not line.name or line.spot is not None else None
 
 
-def change_page(changes: Sequence[Change], before: str, after: str) -> str:
-    """The changes as a page for browsers, which needs nothing else. before, after: names of the files."""
+def change_table(changes: Sequence[Change]) -> str:
+    """The changes as a table of HTML."""
     rows = []
     for change in changes:
         line = change.after or change.before
@@ -217,9 +217,13 @@ def change_page(changes: Sequence[Change], before: str, after: str) -> str:
             shown.append(f"{escape(key or 'title')}: <del>{old}</del> <ins>{new}</ins>")
         path = escape(" > ".join(change.path))
         rows.append(f'<tr class="{change.how}"><td>{change.how}<td>{path}<td>{"<br>".join(shown)}')
-    title = f"{escape(before)} and {escape(after)}"
     table = "\n".join(rows) or "<tr><td>no differences"
-    return f"{_PAGE.replace('TITLE', title)}\n<table>\n{table}\n</table>\n"
+    return f"<table>\n{table}\n</table>\n"
+
+
+def change_page(title: str, table: str) -> str:
+    """A page for browsers that has nothing but a table of changes."""
+    return f"{_PAGE.replace('TITLE', escape(title))}\n{table}"
 
 
 def change_lines(changes: Sequence[Change]) -> Iterator[str]:

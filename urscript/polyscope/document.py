@@ -279,7 +279,8 @@ class _Builder:
             raise DocumentError(f"<{tag[:40]}> has more than {_MAX_ATTRIBUTES} attributes")
         if self._depth > _MAX_DEPTH:
             raise DocumentError(f"elements are nested more than {_MAX_DEPTH} deep")
-        self._put_text()
+        if self._text:
+            self._put_text()
         element = Element(tag, attributes, self._current)
         if self._current is None:
             self.root = element
@@ -290,7 +291,8 @@ class _Builder:
     def end(self, _: str) -> None:
         assert self._current is not None
         self.events += 1
-        self._put_text()
+        if self._text:
+            self._put_text()
         if not self._current.children and not self._current.text:
             behind = self._parser.CurrentByteIndex
             self._current.open = self.source[behind - 2 : behind] != b"/>"
@@ -302,7 +304,7 @@ class _Builder:
         self._text.append(text)
 
     def _put_text(self) -> None:
-        if self._current is not None and self._text:
+        if self._current is not None:
             self._current.text += "".join(self._text)
         self._text.clear()
 

@@ -94,7 +94,7 @@ def program_lines(root: Element) -> Line:
     """The lines of a program tree, whose document is linked. Raises TreeError for another document."""
     tree = ProgramTree(root, root.get("name"))
     surroundings = Surroundings(root, InstallationFile(), DEFAULT_VERSION[Series.E])
-    top = Line("program", "", f"Program {tree.name}".rstrip(), content=dict(flat(root)))
+    top = Line("program", "", f"Program {tree.name}".rstrip(), content=flat(root))
     top.values = {title: root.get(key) for key, title in _SAVED.items() if root.get(key)}
     by_id: dict[str, Line] = {}
     for spot in Places(root).all():
@@ -105,7 +105,7 @@ def program_lines(root: Element) -> Line:
 
 def _node_line(spot: Spot, program: Surroundings) -> Line:
     element, tag = spot.node, tag_of(spot.written)
-    line = Line(tag, element.get("name"), _title(spot), content=dict(flat(element)), spot=spot)
+    line = Line(tag, element.get("name"), _title(spot), content=flat(element), spot=spot)
     if tag == "InitVariablesNode":
         line.content = line.values = first_values(program.root)
         return line
@@ -175,28 +175,35 @@ def object_key(place: Element) -> tuple[str, str] | None:
     return ("variable", name) if name and is_variable else None
 
 
-def flat(place: Element, prefix: str = "") -> Iterator[tuple[str, str]]:
+def flat(place: Element, prefix: str = "") -> dict[str, str]:
     """The contents of a place by their paths, without the nodes below it; shared objects count as their names."""
+    found: dict[str, str] = {}
+    _flatten(place, prefix, found)
+    return found
+
+
+def _flatten(place: Element, prefix: str, found: dict[str, str]) -> None:
     element = place.resolved()
     if prefix and (key := object_key(place)):
-        yield prefix, key[1]
+        found[prefix] = key[1]
         return
     if prefix and element.tag in ("Waypoint", "subprogram", "SubProgram"):
-        yield prefix, element.get("name")
+        found[prefix] = element.get("name")
         return
     if "xpression" in element.tag and any(child.tag.startswith("Expression") for child in element.children):
-        yield prefix, expression_shown(element)
+        found[prefix] = expression_shown(element)
         return
     for name, value in element.attributes.items():
         if name not in _DERIVED:
-            yield f"{prefix}.{name}".lstrip("."), value
-    if element.text.strip():
-        yield prefix or "text", element.text.strip()
+            found[f"{prefix}.{name}" if prefix else name] = value
+    if text := element.text.strip():
+        found[prefix or "text"] = text
     counts: dict[str, int] = {}
     for child in element.children:
         number = counts[child.tag] = counts.get(child.tag, 0) + 1
         if prefix or child.tag != "children":
-            yield from flat(child, f"{prefix}.{child.tag}{f'[{number}]' if number > 1 else ''}".lstrip("."))
+            name = child.tag if number == 1 else f"{child.tag}[{number}]"
+            _flatten(child, f"{prefix}.{name}" if prefix else name, found)
 
 
 # installations
@@ -215,7 +222,7 @@ def installation_lines(root: Element) -> Line:
             sections[name].add(Line(name, label, label, values, content))
     for element in root:
         section = "tcps" if "activePose" in element.attributes else _SECTION_OF.get(element.tag, "")
-        content = dict(flat(element, element.tag))
+        content = flat(element, element.tag)
         if section:
             sections[section].content |= content  # the rows show most of it
         elif content:

@@ -37,6 +37,11 @@ class ElementMerge:
         self.merge(base, ours, theirs, ours.tag)
         return self.conflicts
 
+    def take_conflicts(self) -> list[str]:
+        """The conflicts since the last call."""
+        found, self.conflicts = self.conflicts, []
+        return found
+
     def merge(self, base: Element, ours: Element, theirs: Element, path: str, skip: Sequence[str] = ()) -> None:
         """Merge attributes, text and children, except those with the tags ``skip``."""
         base, ours, theirs = base.resolved(), ours.resolved(), theirs.resolved()
@@ -55,30 +60,26 @@ class ElementMerge:
         base, ours, theirs = (self.content(each) for each in (b, o, t))
         if theirs in (base, ours):
             return
-        whole = key[0] in _WHOLE or None in (b, o, t) or (self._named and object_key(o) is not None)
-        if ours != base and whole:
+        if key[0] not in _WHOLE and None not in (b, o, t) and not (self._named and object_key(o) is not None):
+            self.merge(b, o, t, path)
+            return
+        if ours != base:
             self.conflicts += _of_places(path, o, t)
             if o is not None:
                 return
-        if not whole:
-            self.merge(b, o, t, path)
-            return
         new = list(clipped([t], self.copies)) if t is not None else []
         for each in new:
             each.parent = parent
-        if o is not None:
-            at = parent.children.index(o)
-            parent.children[at : at + 1] = new
-        else:
-            parent.children[self._place_of(parent, t) :] = [*new, *parent.children[self._place_of(parent, t) :]]
+        at = parent.children.index(o) if o is not None else self._place_of(parent, t)
+        parent.children[at : at + (o is not None)] = new
 
     def _place_of(self, parent: Element, theirs: Element) -> int:
         """Where a new child goes: after the one that it follows in theirs."""
-        around = theirs.parent.resolved() if theirs.parent is not None else None
-        before = around.children[: around.children.index(theirs)] if around and theirs in around.children else []
-        keys = _parts(parent, ())
-        known = [key for key, child in (_parts(around, ()) if around else {}).items() if child in before]
-        last = next((keys[key] for key in reversed(known) if key in keys), None)
+        keys, last = _parts(parent, ()), None
+        for key, child in (_parts(theirs.parent, ()) if theirs.parent is not None else {}).items():
+            if child is theirs:
+                break
+            last = keys.get(key, last)
         return parent.children.index(last) + 1 if last is not None else 0
 
     def mapping(
@@ -145,7 +146,7 @@ def _conflict(path: str, ours: object, theirs: object) -> str:
 
 def _of_places(path: str, ours: Element | None, theirs: Element | None) -> list[str]:
     """The conflicts of an element that is merged as a whole: who deleted it, or the first values that differ."""
-    first, second = (dict(flat(each, path)) if each is not None else {} for each in (ours, theirs))
+    first, second = (flat(each, path) if each is not None else {} for each in (ours, theirs))
     if ours is None or theirs is None:
         gone, there = ("ours", "theirs") if ours is None else ("theirs", "ours")
         values = ", ".join(

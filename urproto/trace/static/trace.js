@@ -55,6 +55,7 @@
   const run = unpack(await bytesOf("run"));
   const other = $("other").textContent.trim() ? unpack(await bytesOf("other")) : null;
   const runs = other ? [run, other] : [run];
+  JSON.parse($("details").textContent).forEach((detail, i) => Object.assign(runs[i], detail));
   const begin = run.time(0);
   const end = Math.max(run.time(run.samples - 1), begin + 0.01);
   const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
@@ -394,7 +395,10 @@
   window.addEventListener("hashchange", openMoment);
 
   for (const { title, actual, target } of run.curves) {
-    if (!run.columns[actual] && !run.columns[target]) continue;
+    if (!run.columns[actual] && !run.columns[target]) {
+      shown.delete(title);
+      continue;
+    }
     const box = make("input", { type: "checkbox", checked: shown.has(title) });
     box.onchange = () => {
       if (!shown.delete(title)) shown.add(title);
@@ -403,7 +407,8 @@
     $("choice").append(make("label", {}, box, title));
   }
   $("about").textContent = `${run.about}: ${begin.toFixed(3)} s to ${end.toFixed(3)} s`;
-  $("comparison").hidden = !other;
+  $("comparison").hidden = $("key").hidden = !other;
+  $("key").append(...runs.flatMap(({ title }, i) => [make("i", { style: `background: ${traceScene.PATHS[i]}` }), `${title} `]));
   $("shift").addEventListener("input", () => compare());
   $("there").onclick = () => go(difference.time);
   watch($("lanes"));

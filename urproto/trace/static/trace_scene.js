@@ -2,6 +2,8 @@
 // The arms and objects of a trace in 3D. Axes are those of the robot's base.
 const traceScene = (() => {
   const OTHER_COLOR = "#e07b00"; // the arm of the run that is compared
+  const PATHS = ["#d81b8c", OTHER_COLOR]; // the path of the TCP in each run
+  const MARK = 0.014; // radius of a waypoint, of the arm's reach
   const SEGMENTS = 28;
   const AXES = ["#d6453d", "#3d9a4a", "#2f6fd0"];
 
@@ -37,6 +39,7 @@ const traceScene = (() => {
       });
       this.flange = parent;
       this.addTcp(other);
+      this.addWaypoints(other);
       this.objects = Object.entries(run.objects).map(([name, description]) => {
         const mesh = shapes.createObject(THREE, description, other ? OTHER_COLOR : undefined);
         this.root.add(mesh);
@@ -56,8 +59,20 @@ const traceScene = (() => {
         const at = new THREE.Vector3(pose[0][row], pose[1][row], pose[2][row]);
         if (!points.length || points.at(-1).distanceTo(at) > 0.001) points.push(at);
       }
-      const path = new THREE.Line(new THREE.BufferGeometry().setFromPoints(points), new THREE.LineBasicMaterial({ color: other ? OTHER_COLOR : "#d81b8c" }));
+      const path = new THREE.Line(new THREE.BufferGeometry().setFromPoints(points), new THREE.LineBasicMaterial({ color: PATHS[+other] }));
       this.root.add(this.tcp, this.rod, path);
+    }
+
+    addWaypoints(other) {
+      const { THREE, run } = this;
+      const geometry = new THREE.SphereGeometry(MARK * run.reach, 12, 8);
+      const material = new THREE.MeshBasicMaterial({ color: PATHS[+other] });
+      this.waypoints = (run.waypoints || []).map((position) => {
+        const mark = new THREE.Mesh(geometry, material);
+        mark.position.set(...position);
+        this.root.add(mark);
+        return mark;
+      });
     }
 
     set(row) {
@@ -132,5 +147,5 @@ const traceScene = (() => {
     };
   }
 
-  return { build };
+  return { build, PATHS };
 })();
