@@ -58,7 +58,7 @@ class RobotLink:
     """Popups of the robot, oldest first."""
     on_state: list[Callable[[ReceivedState], None]]
     """Called with each state, in order, in the event loop."""
-    on_modes: list[Callable[[Mapping[str, Any]], None]]
+    on_modes: list[Callable[[ReceivedState], None]]
     """Called with each state in which a mode has changed."""
     on_silence: list[Callable[[], None]]
     """Called once when the robot falls silent."""

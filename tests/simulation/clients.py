@@ -20,6 +20,7 @@ _POWER_UP_S: Final = 90.0
 _USABLE_S: Final = 90.0  # after the last accident, with some attempts
 _PAUSE_S: Final = 1.0  # between them
 _CLOSING_S: Final = 20.0
+_EXECUTE_S: Final = 5.0  # a program that is paused for an emergency stop never ends a motion
 
 
 class FacadeScenario(Scenario):
@@ -268,7 +269,8 @@ class MastersScenario(Scenario):
                 if other.program_running and master.program_running:
                     self.problem("two drivers have a running program")
             goal = tuple(q + self.random.uniform(-0.1, 0.1) for q in HOME)
-            result = await self.call("execute", lambda: master.execute([points.movej(goal, v=1.0, a=4.0)]))
+            moves = [points.movej(goal, v=1.0, a=4.0)]
+            result = await self.call("execute", lambda: master.execute(moves, _EXECUTE_S))
             if result is TrajectoryResult.SUCCESS:
                 distance = max(abs(a - b) for a, b in zip(self.robot.snapshot.actual_q, goal, strict=True))
                 if distance > NEAR_RAD:
@@ -277,7 +279,7 @@ class MastersScenario(Scenario):
             await asyncio.sleep(self.random.uniform(0.0, _PAUSE_S))
             return
         try:
-            await self.call("execute of the other", lambda: other.execute([points.movej(HOME)]))
+            await self.call("execute of the other", lambda: other.execute([points.movej(HOME)], _EXECUTE_S))
         except URError:
             return
         if self.starts == starts + 1:

@@ -29,6 +29,7 @@ _SYN_S: Final = 130.0  # Linux gives up connecting after so long
 _FOREVER: Final = float("inf")
 _LINGER: Final = struct.Struct("ii")
 _TIMEVAL: Final = struct.Struct("@ll")
+_KEEP_ALIVE: Final = {socket.TCP_KEEPIDLE: 7200, socket.TCP_KEEPINTVL: 75, socket.TCP_KEEPCNT: 9}  # Linux's values
 _INHERITED: Final = (socket.SO_LINGER,)
 
 Address = tuple[str, int]
@@ -164,6 +165,20 @@ class Stream(Endpoint):
             self.network.world.note(f"{self.outgoing.name if self.outgoing else self.local} reset")
             self.changed()
 
+    @property
+    def keep_alive_s(self) -> float:
+        """After how long without a sign of the other end the system gives it up [s]; infinite without SO_KEEPALIVE."""
+        idle_s, interval_s, count = (
+            self.options.get((socket.IPPROTO_TCP, option), usual) for option, usual in _KEEP_ALIVE.items()
+        )
+        on = self.options.get((socket.SOL_SOCKET, socket.SO_KEEPALIVE))
+        return float(idle_s + interval_s * count) if on else _FOREVER
+
+    def check_alive(self) -> None:
+        """Give the other end up, if nothing has passed for so long."""
+        if self.incoming is not None and self.incoming.blocked_until_s > self.network.world.now:
+            self.reset()
+
     def finish(self) -> None:
         """Send the end, once."""
         if self.outgoing is not None and not self.sent_end and not self.broken:
@@ -183,8 +198,8 @@ class Stream(Endpoint):
                 self.network.world.call_later(late_s + self.network.delay_s(outgoing), peer.reset)
         else:
             self.finish()
-        self.network.note_closed(self)
         incoming.receiver = outgoing.sender = None
+        self.network.note_closed(self)
 
 
 class Listener(Endpoint):
@@ -288,6 +303,8 @@ class Network:
         for pipe in (stream.incoming, stream.outgoing):
             if pipe is not None:
                 pipe.blocked_until_s = max(pipe.blocked_until_s, self.world.now + seconds)
+                if pipe.receiver is not None and pipe.receiver.keep_alive_s < seconds:
+                    self.world.call_later(pipe.receiver.keep_alive_s, pipe.receiver.check_alive)
 
     def cut_off(self, stream: Stream) -> None:
         """Both ends of a connection receive a reset."""

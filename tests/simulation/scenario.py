@@ -5,6 +5,7 @@ nobody does in reality: what a call of the client returned, and what the robot i
 """
 
 import asyncio
+import gc
 import logging
 import threading
 import time
@@ -487,4 +488,6 @@ def play(seed: int, kind: type[Scenario], trace: Callable[[str], object] | None 
         outcome = Outcome(
             seed, scenario.title, problems, world.digest, world.events, world.elapsed_s, scenario.calls, scenario.errors
         )
+    if problems:
+        gc.collect()  # what it left behind is not the next one's
     return outcome

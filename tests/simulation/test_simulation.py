@@ -9,13 +9,15 @@ import subprocess
 import sys
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import pytest
 
 from client import AsyncRobot
-from client.errors import NoAnswerError
+from client.driver import URDriver
+from client.errors import NoAnswerError, ProgramEndedError
 from client.primary import PrimaryClient
 from tests.simulation.clients import play_seed
 from tests.simulation.scenario import HOME, ROBOT, Scenario, play
@@ -70,6 +72,12 @@ class Calm(Scenario):
         """Connections to a port of the robot are gone, and neither end is told."""
         for stream in self.streams:
             if stream.remote == (ROBOT, port):
+                self.network.stall(stream, float("inf"))
+
+    def silence_programs(self) -> None:
+        """The same for the connections that the robot's programs have opened."""
+        for stream in self.streams:
+            if stream.local[0] == ROBOT:
                 self.network.stall(stream, float("inf"))
 
 
@@ -160,6 +168,64 @@ class PauseDuringAStream(Calm):
         await arm.speed_j([0.1, 0, 0, 0, 0, 0], 2.0)
 
 
+class OtherDriversLoss(Calm):
+    """The robot's message that a driver is gone reaches all drivers; only the one that is meant starts a program."""
+
+    async def use(self) -> None:
+        async with driver(50001) as lost, driver(50011) as other:
+            await self.call("start_program", lost.start_program)
+            await asyncio.sleep(0.3)
+            self.silence_programs()
+            await asyncio.sleep(2.5)
+            if other.program_running or other.loss_reason or not lost.program.losses:
+                self.problem(f"not as it should be: {other.program_running} {other.loss_reason} {lost.program.losses}")
+
+
+class TakenOver(Calm):
+    """A driver whose program another one has replaced knows it, even if the end of its connections was lost."""
+
+    async def use(self) -> None:
+        async with driver(50001) as before, driver(50011) as after:
+            await self.call("start_program", before.start_program)
+            await asyncio.sleep(0.3)
+            self.silence_programs()
+            await self.call("start_program", after.start_program)
+            for _ in range(3):
+                if before.program_running or not after.program_running:
+                    self.problem(f"two masters, or none: {before.program_running} {after.program_running}")
+                await asyncio.sleep(1.5)
+
+
+class LostResult(Calm):
+    """The result of a trajectory gets lost together with its connection: the call ends with an error."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("make_ready", arm.make_ready)
+            for stream in self.streams:
+                if stream.remote is not None and stream.remote[1] == arm.driver.trajectory.port:
+                    self.world.call_later(0.2, partial(self.network.stall, stream, float("inf")))
+            with pytest.raises(ProgramEndedError):
+                await self.call("move_j", lambda: arm.move_j(moved(0.2)), 10.0)
+
+
+class LostAtOnce(Calm):
+    """A program whose connections are gone before its driver's first message does not wait for ever."""
+
+    async def use(self) -> None:
+        async with driver(50001) as lost:
+            await self.call("start_program", lost.start_program)
+            self.silence_programs()
+            await asyncio.sleep(7.0)
+            if not lost.program.losses or not lost.program_running:
+                self.problem("the program was not started again")
+
+
+def driver(first: int) -> URDriver:
+    names = ("reverse_port", "sender_port", "trajectory_port", "command_port")
+    return URDriver(ROBOT, realtime="off", **{name: first + offset for offset, name in enumerate(names)})
+
+
 def moved(base_rad: float) -> tuple[float, ...]:
     return (HOME[0] + base_rad, *HOME[1:])
 
@@ -183,7 +249,18 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
 
 @pytest.mark.parametrize(
     "kind",
-    [RestartDuringUse, RestartDuringAStop, SilentPrimary, UnreadData, LossDuringStop, PauseDuringAStream],
+    [
+        RestartDuringUse,
+        RestartDuringAStop,
+        SilentPrimary,
+        UnreadData,
+        LossDuringStop,
+        PauseDuringAStream,
+        OtherDriversLoss,
+        TakenOver,
+        LostResult,
+        LostAtOnce,
+    ],
 )
 def test_found_by_seeds(kind: type[Scenario]) -> None:
     assert not play(1, kind).problems
