@@ -32,6 +32,7 @@ _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 _KEEP_ALIVE_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
 _TOKEN_DELAY_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
+_LAST_RESULT_S: Final = 1.0  # guess: results that a program sent before its end have arrived within this
 _LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
 
 _logger = logging.getLogger(__name__)
@@ -352,8 +353,8 @@ class ProgramSupervisor:
         ):
             # While a program is being started or stopped, this text comes from the previous program. Restarting then
             # would end the program that the caller has just started.
-            if (peer := self.reverse.current_peer) is not None:  # its end may have been lost, like its messages
-                peer.abort()
+            if (peer := self.reverse.current_peer) is not None:  # the end of its connections may have been lost
+                asyncio.get_running_loop().call_later(_LAST_RESULT_S, peer.abort)
             self.losses += 1
             why = self._link.feed.standstill.describe() or (
                 f"{self.reverse.silence_s:.1f} s by this machine's clock, or the network failed"

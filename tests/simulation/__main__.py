@@ -7,8 +7,11 @@ python -m tests.simulation 1 2000           # many of them
 import argparse
 import time
 from collections import Counter
+from typing import Final
 
 from tests.simulation.clients import play_seed
+
+_REPORT_EVERY: Final = 100  # seeds
 
 _now_s = time.monotonic  # of the real clock; inside a world, `time` has another
 
@@ -22,7 +25,7 @@ def main() -> int:
     options = parser.parse_args()
     last = options.seed if options.last is None else options.last
     began_s, events, virtual_s, failed, errors = _now_s(), 0, 0.0, 0, Counter[str]()
-    for seed in range(options.seed, last + 1):
+    for count, seed in enumerate(range(options.seed, last + 1), 1):
         outcome = play_seed(seed, print if options.trace else None)
         events += outcome.events
         virtual_s += outcome.virtual_s
@@ -30,9 +33,10 @@ def main() -> int:
         failed += bool(outcome.problems)
         if outcome.problems or last == options.seed:
             print(outcome, flush=True)
-    took_s = _now_s() - began_s
-    speed = f"{events / took_s:.0f} events/s, {virtual_s / took_s:.1f} times real time"
-    print(f"{last - options.seed + 1} seeds, {failed} failed; {speed}; errors of the client: {dict(errors)}")
+        if count % _REPORT_EVERY == 0 or seed == last:
+            took_s = _now_s() - began_s
+            speed = f"{took_s:.0f} s, {events / took_s:.0f} events/s, {virtual_s / took_s:.1f} times real time"
+            print(f"{count} seeds, {failed} failed; {speed}; errors of the client: {dict(errors)}", flush=True)
     return int(failed > 0)
 
 
