@@ -9,6 +9,7 @@ from typing import Final
 from client import AsyncRobot, Robot, dashboard
 from client.dashboard import DashboardClient
 from client.driver import URDriver, points
+from client.driver.control_program import LATE_TEXT
 from client.rtde import RTDEClient
 from tests.simulation.scenario import CONTROL_PROGRAM, HOME, ROBOT, Outcome, Scenario, play
 from urproto.errors import URError
@@ -20,6 +21,9 @@ _POWER_UP_S: Final = 90.0
 _USABLE_S: Final = 90.0  # after the last accident, with some attempts
 _PAUSE_S: Final = 1.0  # between them
 _CLOSING_S: Final = 20.0
+_LOOK_S: Final = 0.03  # between looks at the state
+_SLACK_S: Final = 0.002  # of the age of a state: what the clock says between two ticks
+_MESSAGE_S: Final = 0.5  # for a message of the robot on its way
 _EXECUTE_S: Final = 5.0  # a program that is paused for an emergency stop never ends a motion
 
 
@@ -35,11 +39,13 @@ class FacadeScenario(Scenario):
             self.heal()
             await asyncio.sleep(10.0)  # until the robot has booted
             arm = await self.call("connect again", lambda: self._robot().__aenter__())
+        watching = asyncio.create_task(self._watch_state(arm))
         try:
             await self._work(arm)
             self.heal()
             await self._recover(arm)
         finally:
+            watching.cancel()
             with suppress(URError):
                 await self.call("close", lambda: arm.__aexit__(None, None, None), _CLOSING_S)
 
@@ -55,6 +61,22 @@ class FacadeScenario(Scenario):
             except URError:
                 with suppress(URError):
                     await self._get_ready(arm)
+
+    async def _watch_state(self, arm: AsyncRobot) -> None:
+        """Joint angles that are returned are those of a moment that is not longer ago than was permitted."""
+        while True:
+            with suppress(URError):
+                self._check_state(arm)
+            await asyncio.sleep(_LOOK_S)
+
+    def _check_state(self, arm: AsyncRobot) -> None:
+        state = arm._fresh
+        now_s, limit_s = self.world.now, arm.driver.link.feed.max_age_s + _SLACK_S
+        seen = [one for one in self.robot.history if abs(one.timestamp_s - state.timestamp_s) < 1e-6]
+        if not any(one.q == state.q_rad for one in seen):
+            self.problem(f"q was never so: {state.q_rad} at {state.timestamp_s}")
+        elif now_s - seen[-1].now_s > limit_s:
+            self.problem(f"q is {now_s - seen[-1].now_s:.3f} s old, more than {limit_s:.3f} s")
 
     async def _get_ready(self, arm: AsyncRobot) -> None:
         if arm.driver.protective_stopped:
@@ -93,6 +115,13 @@ class FacadeScenario(Scenario):
         distance = max(abs(a - b) for a, b in zip(q, goal, strict=True))
         if distance > NEAR_RAD:
             self.problem(f"{what} returned {distance:.3f} rad from its goal")
+
+    def check_on_time(self, what: str, began_s: float) -> None:
+        """The robot has not stopped the arm for a late setpoint, at least not so long ago that its message is there."""
+        until_s = self.robot.snapshot.timestamp - _MESSAGE_S
+        late = [line for line in self.robot.log if LATE_TEXT in line and began_s <= float(line.split()[0]) <= until_s]
+        if late and not self._disturbed:
+            self.problem(f"{what} returned, and setpoints were late: {late}")
 
     def check_rest(self, what: str) -> None:
         """The arm is at rest."""
@@ -136,8 +165,8 @@ async def _sequence(scenario: FacadeScenario, arm: AsyncRobot) -> None:
 
 
 async def _servo(scenario: FacadeScenario, arm: AsyncRobot) -> None:
-    """A stream whose calls all return has been followed to its end."""
-    begin = arm.q
+    """A stream whose calls all return has been followed to its end, without a stop."""
+    begin, began_s = arm.q, scenario.robot.snapshot.timestamp
     goal = tuple(q + 0.05 for q in begin)
     count = scenario.random.choice((20, 60))
 
@@ -152,6 +181,7 @@ async def _servo(scenario: FacadeScenario, arm: AsyncRobot) -> None:
 
     await scenario.call("servo_j", stream)
     scenario.check_arrived("servo_j", goal)
+    scenario.check_on_time("servo_j", began_s)
     scenario.check_rest("servo_j")
 
 
@@ -171,22 +201,6 @@ async def _output(scenario: FacadeScenario, arm: AsyncRobot) -> None:
 async def _slider(scenario: FacadeScenario, arm: AsyncRobot) -> None:
     fraction = scenario.random.choice((0.5, 0.8, 1.0))
     await scenario.call("set_speed_slider", lambda: arm.set_speed_slider(fraction))
-
-
-async def _read(scenario: FacadeScenario, arm: AsyncRobot) -> None:
-    """Joint angles that are returned are those of a moment that is not longer ago than was permitted."""
-
-    async def read() -> tuple[tuple[float, ...], float]:
-        state = arm._fresh
-        return state.q_rad, state.timestamp_s
-
-    q, timestamp_s = await scenario.call("q", read)
-    now_s, limit_s = scenario.world.now, arm.driver.link.feed.max_age_s + 0.002
-    seen = [one for one in scenario.robot.history if abs(one.timestamp_s - timestamp_s) < 1e-6]
-    if not any(max(abs(a - b) for a, b in zip(one.q, q, strict=True)) < 1e-9 for one in seen):
-        scenario.problem(f"q was never so: {q} at {timestamp_s}")
-    elif now_s - seen[-1].now_s > limit_s:
-        scenario.problem(f"q is {now_s - seen[-1].now_s:.3f} s old, more than {limit_s:.3f} s")
 
 
 async def _query(scenario: FacadeScenario, arm: AsyncRobot) -> None:
@@ -222,7 +236,7 @@ async def _pause(scenario: FacadeScenario, arm: AsyncRobot) -> None:
 
 
 OPERATIONS: Final[tuple[Operation, ...]] = (
-    move, _move_and_wait, _move_and_stop, _sequence, _servo, _servo, _speed, _output, _slider, _read, _read, _query,
+    move, _move_and_wait, _move_and_stop, _sequence, _servo, _servo, _speed, _output, _slider, _query,
     _mode, _program, _register, _pause,
 )  # fmt: skip
 
