@@ -47,7 +47,7 @@ mutants: $(VENV)/.dev ## bugs planted one at a time, and whether the tests find 
 # memory of emulator, pendant and client.
 HOURS ?= 2
 SEEDS ?= 100000
-soak: $(VENV)/.dev ## thousands of random programs, hostile robots, SEEDS failing networks, then HOURS=2 of use: ten hours
+soak: $(VENV)/.dev ## thousands of random programs, hostile robots, SEEDS failing networks, then HOURS=2 of use: most of a day
 	RANDOM_PROGRAMS=10000 RANDOM_EXTREMES=2000 RANDOM_COSTS=2000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 \
 		tests/motion/test_random_programs.py tests/fuzzing
 	EXAMPLES=20 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 -m hypothesis

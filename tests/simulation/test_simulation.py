@@ -23,7 +23,7 @@ from tests.simulation.clients import play_seed
 from tests.simulation.scenario import HOME, ROBOT, Scenario, play
 from urproto.errors import RobotRefused, URError
 
-NOW: Final = 8  # about half a second each
+NOW: Final = 8  # about a second of CPU time each
 SEEDS: Final = int(os.environ.get("SIMULATED_SEEDS", "200"))
 FROM: Final = int(os.environ.get("SIMULATED_FROM", "1"))
 AT_ONCE: Final = 200  # seeds of a test, of which each worker takes some
