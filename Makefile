@@ -42,15 +42,18 @@ mutants: $(VENV)/.dev ## bugs planted one at a time, and whether the tests find 
 
 # Thousands of random programs in virtual time, some minutes: the arm keeps its limits, no number makes the controller
 # fail, and no text or program takes more than half a control period. Then every test with random examples with twenty
-# times as many, and hostile robots against every part of the client. The tests run a few of each. At last, two hours of
-# everyday use, with bounds on the memory of emulator, pendant and client.
+# times as many, and hostile robots against every part of the client. The tests run a few of each. Then SEEDS stories of
+# a driver and a robot with a network that fails, in virtual time. At last, two hours of everyday use, with bounds on the
+# memory of emulator, pendant and client.
 HOURS ?= 2
-soak: $(VENV)/.dev ## thousands of random programs and hostile robots, then HOURS=2 of use: three hours
+SEEDS ?= 100000
+soak: $(VENV)/.dev ## thousands of random programs, hostile robots, SEEDS failing networks, then HOURS=2 of use: most of a day
 	RANDOM_PROGRAMS=10000 RANDOM_EXTREMES=2000 RANDOM_COSTS=2000 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 \
 		tests/motion/test_random_programs.py tests/fuzzing
 	EXAMPLES=20 $(BIN)/python -m pytest -n $(JOBS) --timeout 0 -m hypothesis
 	HOSTILE_ROBOTS=4000 $(BIN)/python -m pytest --timeout 0 tests/client/test_hostile_robots.py \
 		tests/ros2/test_hostile_robots.py
+	SIMULATED_SEEDS=$(SEEDS) $(BIN)/python -m pytest -n $(JOBS) tests/simulation
 	$(BIN)/python benchmarks/chaos.py --hours $(HOURS) mixed
 
 # ARGS="dashboard" for the cases with this word in their names.

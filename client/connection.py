@@ -160,6 +160,8 @@ class AsyncConnection(Connection):
             return
         writer = self._streams[1]
         self._streams = None
+        if writer.transport.get_write_buffer_size():  # a robot that takes no data would hold up the end
+            writer.transport.abort()
         writer.close()
         try:
             await writer.wait_closed()

@@ -15,11 +15,19 @@ does not have, without sending it.
 import asyncio
 
 from client import robotapi
-from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow
+from client.connection import (
+    DEFAULT_TIMEOUT_S,
+    POLL,
+    AsyncConnection,
+    BlockingConnection,
+    Connection,
+    Flow,
+    Reconnect,
+)
 from client.dashboard_commands import *  # noqa: F403 - the operations, which callers pass to `request`
 from client.dashboard_commands import POLYSCOPE_VERSION, Answer, Operation
 from client.dashboard_on_x import DashboardOnX
-from client.errors import ClientError, RobotUnreachableError
+from client.errors import ClientError, ConnectionLostError, RobotUnreachableError
 from client.quantities import checked
 from urproto import dashboard as wire
 from urproto.compat import Self
@@ -32,10 +40,12 @@ PORT = 29999
 class DashboardCore:
     """The client's side of a dashboard connection, without I/O.
 
-    version: the controller's, known after the first operation that not every version has.
+    reconnect_s: how long to try to open a new connection [s], before a request, if the last one was lost or left
+    unanswered; 0 disables it. version: the controller's, known after the first operation that not every version has.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, reconnect_s: float = 0.0) -> None:
+        self._reconnect_s = reconnect_s
         self._reset()
 
     def _reset(self) -> None:
@@ -56,6 +66,7 @@ class DashboardCore:
         """Send an operation's line and read its answer."""
         if "\n" in operation.line or "\r" in operation.line:
             raise LocalProtocolError(f"a dashboard command is one line, this is not: {operation.line!r}")
+        yield from self._ensure_connection()
         if not operation.in_every_version:
             if self.version is None:
                 self.version = yield from self._exchange(POLYSCOPE_VERSION)
@@ -66,6 +77,19 @@ class DashboardCore:
         """Read what has arrived meanwhile, without sending anything."""
         while data := (yield POLL):
             self._received += self._lines.feed(data)
+
+    def _ensure_connection(self) -> Flow[None]:
+        """Replace a connection that was lost. Nothing has been sent yet, so nothing is carried out twice."""
+        if not self._reconnect_s:
+            return
+        try:
+            yield from self.read_pending()
+            lost = self._unanswered > len(self._received)
+        except ConnectionLostError:
+            lost = True
+        if lost:
+            yield Reconnect(self._reconnect_s)
+            yield from self.opening()
 
     def _exchange(self, operation: Operation[Answer]) -> Flow[Answer]:
         yield from self.read_pending()
@@ -91,11 +115,17 @@ class _Dashboard(Connection):
     """Common part of the asynchronous and the blocking client."""
 
     def __init__(
-        self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S, robot_api_port: int | None = None
+        self,
+        host: str,
+        port: int = PORT,
+        timeout_s: float = DEFAULT_TIMEOUT_S,
+        robot_api_port: int | None = None,
+        reconnect_s: float = 0.0,
     ) -> None:
         super().__init__(host, port, timeout_s)
         self._robot_api_port = robotapi.PORT + port - PORT if robot_api_port is None else robot_api_port
-        self._core: DashboardCore | DashboardOnX = DashboardCore()
+        self._reconnect_s = reconnect_s
+        self._core: DashboardCore | DashboardOnX = DashboardCore(reconnect_s)
 
     def _opening(self) -> Flow[None]:
         return self._core.opening()
@@ -107,12 +137,19 @@ class DashboardClient(_Dashboard, AsyncConnection):
 
     If the robot has no dashboard server but the Robot API of PolyScope X answers, that is used instead. Its port is
     ``robot_api_port``; by default it has the same offset from port 80 as ``port`` has from the dashboard's.
+
+    reconnect_s: after a loss, the next request opens a new connection, and tries for this long [s]; 0 disables it.
     """
 
     def __init__(
-        self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S, robot_api_port: int | None = None
+        self,
+        host: str,
+        port: int = PORT,
+        timeout_s: float = DEFAULT_TIMEOUT_S,
+        robot_api_port: int | None = None,
+        reconnect_s: float = 0.0,
     ) -> None:
-        super().__init__(host, port, timeout_s, robot_api_port)
+        super().__init__(host, port, timeout_s, robot_api_port, reconnect_s)
         self._lock = asyncio.Lock()
 
     async def request(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
@@ -133,7 +170,7 @@ class DashboardClient(_Dashboard, AsyncConnection):
         try:
             return await super().__aenter__()
         except (ClientError, RemoteProtocolError):
-            self.port, self._core = wanted, DashboardCore()
+            self.port, self._core = wanted, DashboardCore(self._reconnect_s)
             raise missing from None
 
 
@@ -158,7 +195,7 @@ class BlockingDashboardClient(_Dashboard, BlockingConnection):
         try:
             return super().__enter__()
         except (ClientError, RemoteProtocolError):
-            self.port, self._core = wanted, DashboardCore()
+            self.port, self._core = wanted, DashboardCore(self._reconnect_s)
             raise missing from None
 
     def check(self) -> None:

@@ -22,7 +22,7 @@ PROGRAM_NAME: Final = "external_control"
 SPEED_ACCELERATION: Final = 40.0  # rad/s2 or m/s2, for streamed speeds; source: the client library
 DECELERATION: Final = 4.0  # rad/s2, for coming to rest; source: the client library
 GONE_TEXT: Final = "External Control: the driver is gone"
-"""Text that the program sends (textmsg) before it ends because its driver sent nothing."""
+"""Beginning of the text that the program sends (textmsg) before it ends because its driver sent nothing."""
 LATE_TEXT: Final = "External Control: a setpoint is late"
 """Text that it sends when it brings the arm to rest because a setpoint is late; the program continues."""
 
@@ -130,6 +130,7 @@ class ControlProgram:
     servoj_lookahead_s (0.03 to 0.2) and servoj_gain (100 to 2000): smoothing of servoj.
     tool_voltage, tool_communication: set when the program starts; None leaves them unchanged.
     token: identifies the program to the driver on each connection; with "" the program sends no token.
+    number: counts the programs of this driver.
     """
 
     host: str
@@ -141,6 +142,12 @@ class ControlProgram:
     tool_voltage: int | None = None
     tool_communication: ToolCommunicationSettings | None = None
     token: str = ""
+    number: int = 0
+
+    @property
+    def gone_text(self) -> str:
+        """The text that this program sends before it ends because its driver sent nothing; every client reads it."""
+        return f"{GONE_TEXT} ({self.host}:{self.reverse_port}, program {self.number})"
 
     def __post_init__(self) -> None:
         check_servo_parameters(self.servoj_lookahead_s, self.servoj_gain)
@@ -185,7 +192,7 @@ class ControlProgram:
             "FT_INPUT": "ft_rtde_input_enable" if offers("ft_rtde_input", version) else "enable_external_ft_sensor",
             "GAIN_SCALING": _GAIN_SCALING if offers("force_mode_gain_scaling", version) else "",
             "TARGET_PAYLOAD": _INERTIA if offers("set_target_payload", version) else _NO_INERTIA,
-            "GONE": GONE_TEXT,
+            "GONE": self.gone_text,
             "LATE": LATE_TEXT,
             "GREET": f'socket_send_line("{GREETING.decode()}{self.token}", name)' if self.token else "",
             "HOST": self.host,

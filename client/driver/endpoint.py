@@ -30,6 +30,19 @@ _MAX_WAITING: Final = 8  # connections that have not proved themselves yet, per 
 _AUTHENTICATION_TIMEOUT_S: Final = 10.0  # how long such a connection may wait; guess
 _ACCEPTING: Final = 3  # rounds of the event loop from accepting a connection to connection_made: a task, and a call
 
+# A robot that was switched off, or a firewall that forgot a connection, ends it without a word; the system notices that
+# 4 s later. Results of a trajectory would otherwise be awaited for ever.
+_NOTICE_LOSS: Final = tuple(
+    (level, getattr(socket, name), value)
+    for level, name, value in (
+        (socket.SOL_SOCKET, "SO_KEEPALIVE", 1),
+        (socket.IPPROTO_TCP, "TCP_KEEPIDLE", 1),  # seconds without data
+        (socket.IPPROTO_TCP, "TCP_KEEPINTVL", 1),
+        (socket.IPPROTO_TCP, "TCP_KEEPCNT", 3),
+    )
+    if hasattr(socket, name)
+)
+
 _logger = logging.getLogger(__name__)
 
 
@@ -91,6 +104,8 @@ class Peer(asyncio.Protocol):
         self._socket = socket.socket(fileno=os.dup(transport.get_extra_info("socket").fileno()))
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for level, option, value in _NOTICE_LOSS:
+            self._socket.setsockopt(level, option, value)
         self.transport.set_write_buffer_limits(_MAX_UNSENT)
         self._endpoint._on_accepted(self)
 

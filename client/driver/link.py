@@ -34,7 +34,7 @@ from urproto.versions import PolyscopeVersion
 
 _REQUIRED_OUTPUTS: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _MAX_KEPT: Final = 100  # error reports and popups, each
-_RECONNECT_S: Final = 1.0  # between attempts to reconnect
+_RECONNECT_S: Final = 1.0  # between attempts to reconnect, and for those of the dashboard
 _ON_ITS_WAY_US: Final = 10_000_000  # longer than a message can be under way (guess)
 MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 """Safety modes in which the arm may move."""
@@ -58,7 +58,7 @@ class RobotLink:
     """Popups of the robot, oldest first."""
     on_state: list[Callable[[ReceivedState], None]]
     """Called with each state, in order, in the event loop."""
-    on_modes: list[Callable[[Mapping[str, Any]], None]]
+    on_modes: list[Callable[[ReceivedState], None]]
     """Called with each state in which a mode has changed."""
     on_silence: list[Callable[[], None]]
     """Called once when the robot falls silent."""
@@ -233,6 +233,9 @@ class RobotLink:
         since = self._stopped_at_s if self._stopped_at_s is not None else self.state["timestamp"]
         while self.state["timestamp"] < since + _LOCKED_S + _MARGIN_S:
             await self.next_state()
+            if not self.protective_stopped:  # unlocked on the pendant, or the controller was restarted
+                return
+            since = min(since, self.state["timestamp"])  # after a restart, its clock begins anew
         if self.dashboard is not None:
             await self.dashboard.request(dashboard.UNLOCK_PROTECTIVE_STOP)
         else:
@@ -329,6 +332,7 @@ class RobotLink:
             self.config.host,
             self.config.robot_ports["dashboard"],
             robot_api_port=self.config.robot_ports.get("robot api"),
+            reconnect_s=_RECONNECT_S,
         )
         try:
             return await opening.enter_async_context(dashboard)
@@ -389,7 +393,7 @@ class RobotLink:
         while True:
             primary = self._primary  # replaced by each reconnection
             try:
-                self._handle_message(await primary.run(primary.core.next_message(), float("inf")))
+                self._handle_message(await primary.run(primary.core.next_message(), self.config.silence_s))
             except (ClientError, RemoteProtocolError) as error:
                 _logger.error("no messages from the robot: %s", self.feed.standstill.describe() or error)
                 await self._reconnect_primary()

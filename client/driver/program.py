@@ -3,13 +3,13 @@
 import asyncio
 import logging
 import secrets
-from collections.abc import Mapping
+import time
 from contextlib import AsyncExitStack, suppress
-from typing import Any, Final
+from typing import Final
 
 from client import dashboard
 from client.driver.config import DriverConfig
-from client.driver.control_program import GONE_TEXT, LATE_TEXT, ControlProgram
+from client.driver.control_program import LATE_TEXT, ControlProgram
 from client.driver.endpoint import Endpoint, Peer
 from client.driver.keep_alive import KeepAliveThread
 from client.driver.link import MOVABLE, RobotLink, cancel
@@ -17,6 +17,7 @@ from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.reverse import ReverseEndpoint
 from client.driver.script_sender import ScriptSender
 from client.errors import ProgramNotRunningError, ProgramStaysError
+from client.rtde import ReceivedState
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 from urproto.errors import RobotRefused, URError
@@ -31,6 +32,7 @@ _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 _KEEP_ALIVE_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
 _TOKEN_DELAY_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
+_LAST_RESULT_S: Final = 1.0  # guess: results that a program sent before its end have arrived within this
 _LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
 
 _logger = logging.getLogger(__name__)
@@ -72,6 +74,9 @@ class ProgramSupervisor:
         self._link = link
         self._own_address = ""
         self._has_played = False  # the robot's state has shown it running
+        self._has_stopped = False  # and ended after that, although its connection may not have ended
+        self._connected_s = 0.0  # when the last program connected, by the monotonic clock
+        self._number = 0  # of the program that was started last
         self.losses = 0
         self._loss_reason = ""  # why the last of them ended
         self._losses_before = 0  # losses before the current or last program connected
@@ -130,7 +135,7 @@ class ProgramSupervisor:
         state = self._link.state["runtime_state"]
         if not self._has_played and state in _PLAYED:
             self._has_played = True
-        return self._has_played and state in _ENDED
+        return self._has_stopped or (self._has_played and state in _ENDED)
 
     @property
     def loss_reason(self) -> str:
@@ -154,6 +159,7 @@ class ProgramSupervisor:
             tool_voltage=config.tool_voltage,
             tool_communication=config.tool_communication,
             token=self._token,
+            number=self._number,
         )
 
     def text(self) -> str:
@@ -181,6 +187,7 @@ class ProgramSupervisor:
             if self._config.headless:
                 # A paused program takes the new one's place and only ends (issue 123 of the official client library).
                 await self._link.send_script(_STOP_LINE)
+                self._number += 1
                 await self._link.send_script(self.control_program().render_headless(self._link.version))
             else:
                 await self._play()
@@ -254,8 +261,9 @@ class ProgramSupervisor:
     # supervision
 
     def _program_changed(self, connected: bool) -> None:
-        self._has_played = False
+        self._has_played = self._has_stopped = False
         if connected:
+            self._connected_s = time.monotonic()
             self._losses_before = self.losses
             self._seen_ended = False
             self._partners = {end: end.current_peer for end in (self.trajectory, self.commands)}
@@ -292,8 +300,10 @@ class ProgramSupervisor:
             self.reverse.stop()
             asyncio.get_running_loop().call_later(_END_TIMEOUT_S, self.reverse.peer.abort)  # in case it does not stop
 
-    def _track_end(self, state: Mapping[str, Any]) -> None:
+    def _track_end(self, state: ReceivedState) -> None:
         if state["runtime_state"] in _ENDED:
+            has_played, is_newer = self._played_since_s is not None, state.taken_after_s >= self._connected_s
+            self._has_stopped = self._has_stopped or (self.reverse.connected and has_played and is_newer)
             self._seen_ended, self._played_since_s = True, None
         elif self._played_since_s is None:
             self._played_since_s = state["timestamp"]
@@ -336,9 +346,15 @@ class ProgramSupervisor:
         if text == LATE_TEXT:
             why = self._link.feed.standstill.describe()
             self.reverse.report_late(f"the robot waited too long for the next setpoint{why and f' ({why})'}")
-        elif text == GONE_TEXT and not self.keep_alive.stop_reason and not self._start_stop_lock.locked():
+        elif (
+            text == self.control_program().gone_text
+            and not self.keep_alive.stop_reason
+            and not self._start_stop_lock.locked()
+        ):
             # While a program is being started or stopped, this text comes from the previous program. Restarting then
             # would end the program that the caller has just started.
+            if (peer := self.reverse.current_peer) is not None:  # the end of its connections may have been lost
+                asyncio.get_running_loop().call_later(_LAST_RESULT_S, peer.abort)
             self.losses += 1
             why = self._link.feed.standstill.describe() or (
                 f"{self.reverse.silence_s:.1f} s by this machine's clock, or the network failed"

@@ -20,7 +20,7 @@ from client.errors import (
 )
 from client.robot.state import RobotState
 from urproto.compat_asyncio import timeout
-from urproto.errors import URError
+from urproto.errors import RobotRefused, URError
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
@@ -93,6 +93,11 @@ class Diagnosis:
         if mode not in MOVABLE:
             kind = ProtectiveStopError if mode is SafetyMode.PROTECTIVE_STOP else SafetyStopError
             raise kind(operation, mode, self.reported(), _ADVICE.get(mode, "follow the instructions on the pendant"))
+
+    def check_not_paused(self, operation: str) -> None:
+        """Raise RobotRefused while the program is paused: it would follow what is sent meanwhile when it resumes."""
+        if self.paused:
+            raise RobotRefused(operation, "its program is paused", "resume it on the robot, or call make_ready()")
 
     async def refuse_in_stop(self, operation: str) -> None:
         """Like `check_safety`, but wait for the cause, which arrives on another connection than the mode."""

@@ -201,13 +201,17 @@ class MotionRunner:
             motion.result()  # raises a failure that has not been reported yet
 
     async def come_to_rest(self) -> None:
-        """Stop sending setpoints, and wait until the target speeds of all joints are zero."""
-        if not self.driver.program_running or self.diagnosis.paused:
+        """Stop sending setpoints, and wait until the target speeds of all joints are zero.
+
+        The arm of a program that has just ended, or was lost, is still coming to rest.
+        """
+        if self.diagnosis.paused:
             return
-        if self.driver.reverse.mode is ControlMode.FORWARD:
+        running = self.driver.program_running
+        if running and self.driver.reverse.mode is ControlMode.FORWARD:
             with suppress(ClientError, LocalProtocolError):  # no trajectory is under way, or it ended some other way
                 await self.driver.trajectory_result(_REST_S)
-        else:
+        elif running:
             self.driver.idle()
             await self.diagnosis.next_state("stop")  # the program reads it once a control period
         await self.diagnosis.state_from_now("stop")

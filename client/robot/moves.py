@@ -252,10 +252,12 @@ class Moves:
     ) -> None:
         """Call ``send`` with every state until ``done``.
 
-        Raises LateSetpointError if this machine was late, and MotionError if the robot's states were.
+        Raises LateSetpointError if this machine was late, MotionError if the robot's states were, and RobotRefused if
+        its program is paused.
         """
         waited_s = 0.0
         while not done(state := await self._diagnosis.fresh_state(operation)):
+            self._diagnosis.check_not_paused(operation)
             try:
                 send(state)
             except LateSetpointError as late:

@@ -58,9 +58,8 @@ class Readiness:
         if self.diagnosis.silent:
             raise self.diagnosis.unreachable(operation)
         await self.diagnosis.refuse_in_stop(operation)
-        if self.driver.program_running and self.diagnosis.paused:
-            raise RobotRefused(operation, "its program is paused", "resume it on the robot, or call make_ready()")
         if self.driver.program_running:
+            self.diagnosis.check_not_paused(operation)
             self._reported_running = True
             return
         if self.driver.link.robot_mode is not RobotMode.RUNNING:

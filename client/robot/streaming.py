@@ -75,6 +75,7 @@ class Follow:
             raise MotionError(self._operation, popups[-1].text)
         if self._link.safety_mode not in MOVABLE:
             return False
+        self._motion.diagnosis.check_not_paused(self._operation)
         try:
             self._send(setpoint)
         except LateSetpointError as late:

@@ -8,7 +8,6 @@ import pytest
 from driver_rig import CALM_S, HOME, HOST, PATIENCE_S, Pair, swing
 
 from client.driver import calibration_hash, points
-from client.driver.control_program import GONE_TEXT
 from client.errors import NoAnswerError, ProgramEndedError, ScriptFailedError
 from client.rtde import RTDEClient
 from urproto.compat_asyncio import timeout
@@ -77,7 +76,7 @@ async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect)
         pair.driver.on_program_state(reported.append)
         starting = asyncio.create_task(pair.driver.start_program())
         await asyncio.sleep(0)
-        pair.driver.program._on_text(GONE_TEXT)
+        pair.driver.program._on_text(pair.driver.program.control_program().gone_text)
         await starting
         await pair.periods(20)
         assert reported == [True]
@@ -87,9 +86,10 @@ async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect)
 async def test_a_program_that_is_lost_while_the_driver_ends_is_not_restarted(connect):
     async with connect() as pair:
         listeners, program = pair.driver.link.on_text, pair.driver.program
+        last_word = program.control_program().gone_text
     before = asyncio.all_tasks()
     for listener in listeners:
-        listener(GONE_TEXT)
+        listener(last_word)
     assert program.losses == 0
     assert asyncio.all_tasks() <= before
 

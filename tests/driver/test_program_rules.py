@@ -4,6 +4,7 @@ The robot is a fake link and plain sockets.
 """
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from types import SimpleNamespace
@@ -35,11 +36,19 @@ async def until(condition: Callable[[], object]) -> None:
             await asyncio.sleep(0.005)
 
 
+class Shown(dict[str, Any]):
+    """A state that the robot took when it was received."""
+
+    def __init__(self, **values: Any) -> None:
+        super().__init__(values)
+        self.taken_after_s = time.monotonic()
+
+
 class Link:
     """What a driver knows of its robot, and the robot: it obeys scripts by connecting or disconnecting its program."""
 
     def __init__(self) -> None:
-        self.state: dict[str, Any] = {"runtime_state": STOPPED, "timestamp": 100.0}
+        self.state = Shown(runtime_state=STOPPED, timestamp=100.0)
         self.version = PolyscopeVersion.parse("5.25.1")
         self.own_address = HOST
         self.robot_mode, self.safety_mode = RobotMode.RUNNING, SafetyMode.NORMAL
@@ -84,7 +93,7 @@ class Link:
 
     def show(self, state: RuntimeState, later_s: float = 0.0) -> None:
         """The robot's next state."""
-        self.state = {"runtime_state": state, "timestamp": self.state["timestamp"] + later_s}
+        self.state = Shown(runtime_state=state, timestamp=self.state["timestamp"] + later_s)
         for listener in self.on_modes:
             listener(self.state)
 
@@ -283,7 +292,7 @@ async def test_a_program_that_has_lost_its_driver(
         if watchdog:
             program.keep_alive.stop_reason = "the watchdog was not kicked"
         link.show(PLAYING)
-        link.say(text)
+        link.say(program.control_program().gone_text if text == GONE_TEXT else text)
         link.say("more")
         link.disconnect(*ENDS)
         await until(lambda: not program.reverse.connected)

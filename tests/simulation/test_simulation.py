@@ -1,0 +1,264 @@
+"""The driver and the robot in one virtual world, with a network that fails: each seed is another story.
+
+SIMULATED_SEEDS=100000 (``make soak``) plays so many of them; SIMULATED_FROM begins with another one.
+"""
+
+import asyncio
+import os
+import subprocess
+import sys
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from client import AsyncRobot
+from client.driver import URDriver
+from client.errors import NoAnswerError, ProgramEndedError
+from client.primary import PrimaryClient
+from tests.simulation.clients import play_seed
+from tests.simulation.scenario import HOME, ROBOT, Scenario, play
+from urproto.errors import RobotRefused, URError
+
+NOW: Final = 8  # about a second of CPU time each
+SEEDS: Final = int(os.environ.get("SIMULATED_SEEDS", "200"))
+FROM: Final = int(os.environ.get("SIMULATED_FROM", "1"))
+AT_ONCE: Final = 200  # seeds of a test, of which each worker takes some
+REPOSITORY: Final = Path(__file__).parents[2]
+
+
+def failures(first: int, last: int) -> str:
+    """What these seeds find; empty if all is well."""
+    return "\n".join(str(outcome) for outcome in map(play_seed, range(first, last)) if outcome.problems)
+
+
+def test_seeds() -> None:
+    assert not failures(FROM, FROM + NOW)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(0)
+@pytest.mark.parametrize("first", range(FROM + NOW, FROM + SEEDS, AT_ONCE))
+def test_more_seeds(first: int) -> None:
+    assert not failures(first, min(first + AT_ONCE, FROM + SEEDS))
+
+
+def test_same_seed_same_story() -> None:
+    """Also in another process, whose hashes of strings, addresses of objects and caches are others."""
+    here = [play_seed(7).digest for _ in range(2)]
+    assert here[0] == here[1] != play_seed(13).digest
+    command = [sys.executable, "-m", "tests.simulation", "7"]
+    there = subprocess.run(command, capture_output=True, text=True, check=True, cwd=REPOSITORY)
+    assert here[0] in there.stdout
+
+
+# What seeds have found
+
+
+class Calm(Scenario):
+    """Without accidents of the seed: those of `use`."""
+
+    models = (("ur3", None),)
+    weights = (1,)
+
+    def plan_accidents(self, loop: object) -> None: ...
+
+    def silence(self, port: int) -> None:
+        """Connections to a port of the robot are gone, and neither end is told."""
+        for stream in self.streams:
+            if stream.remote == (ROBOT, port):
+                self.network.stall(stream, float("inf"))
+
+    def silence_programs(self) -> None:
+        """The same for the connections that the robot's programs have opened."""
+        for stream in self.streams:
+            if stream.local[0] == ROBOT:
+                self.network.stall(stream, float("inf"))
+
+
+class RestartDuringUse(Calm):
+    """The controller is restarted: the same driver powers the arm on again, through a new dashboard connection."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("move_j", lambda: arm.move_j(moved(0.1)))
+            self.robot.do("inject_fault", kind="restart_controller", outage_s=0.5)
+            await self.call("the loss", lambda: lost(arm))
+            await self.call("make_ready", lambda: again(arm.make_ready))
+            await self.call("move_j", lambda: arm.move_j(moved(0.0)))
+
+
+class RestartDuringAStop(Calm):
+    """A protective stop ends with the controller's restart, and its clock begins anew: there is nothing to wait for."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            self.robot.do("protective_stop")
+            await self.call("the stop", lambda: arm.wait_for(lambda _: arm.driver.protective_stopped))
+            self.robot.do("inject_fault", kind="restart_controller", outage_s=0.5)
+            await self.call("the loss", lambda: lost(arm))
+            with suppress(URError):
+                await self.call("recover", arm.recover, 15.0)
+
+
+class SilentPrimary(Calm):
+    """A primary connection that is gone without a word is noticed by its silence, and opened again."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            self.silence(30001)
+            await asyncio.sleep(4.0)
+            await self.call("make_ready", arm.make_ready)
+            await self.call("move_j", lambda: arm.move_j(moved(0.1)))
+
+
+class UnreadData(Calm):
+    """A connection that takes no data, because it is gone without a word, is closed nevertheless."""
+
+    async def use(self) -> None:
+        client = PrimaryClient(ROBOT, timeout_s=0.5)
+        await client.__aenter__()
+        self.silence(30001)
+        with pytest.raises(NoAnswerError):
+            await client.run(client.core.send_script(f"# {'x' * 1_000_000}\n"))
+        await self.call("close", client.close, 1.0)
+
+
+class LossDuringStop(Calm):
+    """`stop` of a motion whose program is lost at that moment returns when the arm rests."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("move_j", lambda: arm.move_j(moved(1.0), speed_rad_s=1.0, wait=False))
+            await asyncio.sleep(0.5)
+            self.network.cut_off(next(stream for stream in self.streams if stream.local[0] == ROBOT))
+            await arm.driver.next_state()
+            with suppress(URError):
+                await self.call("stop", arm.stop)
+            if not self.robot.at_rest:
+                self.problem("stop returned and the arm moves")
+
+
+class PauseDuringAStream(Calm):
+    """A paused program would follow the setpoints that wait for it when it resumes: the stream ends with an error."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            for stream in (self.servo, self.speed):
+                await self.call("make_ready", arm.make_ready)
+                self.world.call_later(0.2, lambda: self.robot.do("dashboard", line="pause"))
+                with pytest.raises(RobotRefused, match="paused"):
+                    await stream(arm)
+                self.robot.do("dashboard", line="play")
+                await asyncio.sleep(0.1)
+                if not self.robot.at_rest:
+                    self.problem("the arm follows old setpoints")
+
+    async def servo(self, arm: AsyncRobot) -> None:
+        async with arm.servo_j() as follow:
+            for step in range(200):
+                await follow(moved(0.001 * step))
+
+    async def speed(self, arm: AsyncRobot) -> None:
+        await arm.speed_j([0.1, 0, 0, 0, 0, 0], 2.0)
+
+
+class OtherDriversLoss(Calm):
+    """The robot's message that a driver is gone reaches all drivers; only the one that is meant starts a program."""
+
+    async def use(self) -> None:
+        async with driver(50001) as lost, driver(50011) as other:
+            await self.call("start_program", lost.start_program)
+            await asyncio.sleep(0.3)
+            self.silence_programs()
+            await asyncio.sleep(2.5)
+            if other.program_running or other.loss_reason or not lost.program.losses:
+                self.problem(f"not as it should be: {other.program_running} {other.loss_reason} {lost.program.losses}")
+
+
+class TakenOver(Calm):
+    """A driver whose program another one has replaced knows it, even if the end of its connections was lost."""
+
+    async def use(self) -> None:
+        async with driver(50001) as before, driver(50011) as after:
+            await self.call("start_program", before.start_program)
+            await asyncio.sleep(0.3)
+            self.silence_programs()
+            await self.call("start_program", after.start_program)
+            for _ in range(3):
+                if before.program_running or not after.program_running:
+                    self.problem(f"two masters, or none: {before.program_running} {after.program_running}")
+                await asyncio.sleep(1.5)
+
+
+class LostResult(Calm):
+    """The result of a trajectory gets lost together with its connection: the call ends with an error."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("make_ready", arm.make_ready)
+            for stream in self.streams:
+                if stream.remote is not None and stream.remote[1] == arm.driver.trajectory.port:
+                    self.world.call_later(0.2, partial(self.network.stall, stream, float("inf")))
+            with pytest.raises(ProgramEndedError):
+                await self.call("move_j", lambda: arm.move_j(moved(0.2)), 10.0)
+
+
+class LostAtOnce(Calm):
+    """A program whose connections are gone before its driver's first message does not wait for ever."""
+
+    async def use(self) -> None:
+        async with driver(50001) as lost:
+            await self.call("start_program", lost.start_program)
+            self.silence_programs()
+            await asyncio.sleep(7.0)
+            if not lost.program.losses or not lost.program_running:
+                self.problem("the program was not started again")
+
+
+def driver(first: int) -> URDriver:
+    names = ("reverse_port", "sender_port", "trajectory_port", "command_port")
+    return URDriver(ROBOT, realtime="off", **{name: first + offset for offset, name in enumerate(names)})
+
+
+def moved(base_rad: float) -> tuple[float, ...]:
+    return (HOME[0] + base_rad, *HOME[1:])
+
+
+async def lost(arm: AsyncRobot) -> None:
+    while True:
+        try:
+            await arm.driver.next_state()
+        except NoAnswerError:
+            return
+
+
+async def again(call: Callable[[], Awaitable[None]]) -> None:
+    """Until the robot has booted."""
+    while True:
+        try:
+            return await call()
+        except URError:
+            await asyncio.sleep(0.5)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        RestartDuringUse,
+        RestartDuringAStop,
+        SilentPrimary,
+        UnreadData,
+        LossDuringStop,
+        PauseDuringAStream,
+        OtherDriversLoss,
+        TakenOver,
+        LostResult,
+        LostAtOnce,
+    ],
+)
+def test_found_by_seeds(kind: type[Scenario]) -> None:
+    assert not play(1, kind).problems
