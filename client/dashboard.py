@@ -13,6 +13,7 @@ does not have, without sending it.
 """
 
 import asyncio
+from functools import cached_property
 
 from client import robotapi
 from client.connection import (
@@ -141,16 +142,9 @@ class DashboardClient(_Dashboard, AsyncConnection):
     reconnect_s: after a loss, the next request opens a new connection, and tries for this long [s]; 0 disables it.
     """
 
-    def __init__(
-        self,
-        host: str,
-        port: int = PORT,
-        timeout_s: float = DEFAULT_TIMEOUT_S,
-        robot_api_port: int | None = None,
-        reconnect_s: float = 0.0,
-    ) -> None:
-        super().__init__(host, port, timeout_s, robot_api_port, reconnect_s)
-        self._lock = asyncio.Lock()
+    @cached_property
+    def _lock(self) -> asyncio.Lock:
+        return asyncio.Lock()
 
     async def request(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Carry out one operation and return its answer. Raises RobotRefused if the robot refuses.

@@ -4,7 +4,8 @@ Numbers are the wire values of RTDE, the realtime and the primary interface. Sou
 Universal Robots, the RTDE guide and the ROS message definitions. Values from a single source are marked.
 """
 
-from typing import TypeVar
+from collections.abc import Mapping
+from typing import Final, TypeVar
 
 from urproto.compat import IntEnum, IntFlag
 
@@ -183,6 +184,14 @@ class RuntimeState(IntEnum):
     PAUSING = 3
     PAUSED = 4
     RESUMING = 5
+
+
+MODE_OUTPUTS: Final[Mapping[str, type[IntEnum]]] = {
+    "robot_mode": RobotMode,
+    "safety_mode": SafetyMode,
+    "runtime_state": RuntimeState,
+}
+"""The RTDE outputs that say in which modes a robot and its program are."""
 
 
 class ReportLevel(IntEnum):

@@ -25,7 +25,7 @@ from client.controllers.controller import LifecycleState
 from client.controllers.remote import ANSWER_S, RemoteManager
 from client.controllers.running import ManagerOptions, RunningManager
 from client.controllers.session import Session
-from client.driver.config import ROBOT_PORTS
+from client.driver.config import ROBOT_PORTS, robot_ports
 from client.driver.scheduling import real_time
 from client.errors import ControllerError, NoManagerError
 from client.recording import DEFAULT_FIELDS
@@ -137,7 +137,7 @@ class Target:
     @property
     def ports(self) -> dict[str, int]:
         """The robot's ports."""
-        return {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
+        return robot_ports(self.port_offset)
 
     def manager(self) -> _Shared:
         """The manager running for this robot; entering it raises NoManagerError if there is none."""

@@ -28,7 +28,7 @@ from client.controllers.parameters import Reading, read_parameters
 from client.controllers.running import ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
 from client.controllers.session import BEST_EFFORT, STRICT, available_types
-from client.driver.config import ROBOT_PORTS
+from client.driver.config import robot_ports
 from client.driver.scheduling import real_time
 from client.errors import ControllerError, NoManagerError
 from urproto.commandline import AsJson, application, console, print_json
@@ -62,7 +62,7 @@ def serve_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Run a controller manager for other shells and the pendant, until Ctrl-C."""
-    ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
+    ports = robot_ports(port_offset)
     file = controllers_file(controllers)
     run(
         serve(

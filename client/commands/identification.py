@@ -19,7 +19,7 @@ from client.commands.record import (
 )
 from client.commands.scene_drawing import model_named, model_of_robot
 from client.driver import points
-from client.driver.config import ROBOT_PORTS
+from client.driver.config import robot_ports
 from client.identification.excitation import ExcitationBounds, excitation
 from client.identification.fidelity import Fidelity, Payload, fidelity
 from client.identification.identify import Identified, identify, write_arm
@@ -140,7 +140,7 @@ def excite_command(
     """Move and record every joint, within bounds around the current configuration, as data for identify."""
     check_free(output, overwrite)
     bounds = ExcitationBounds(angle, speed, acceleration, floor)
-    ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
+    ports = robot_ports(port_offset)
     with exclusive_motion(robot_ip, ports), Robot(robot_ip, robot_ports=ports, outputs=_FIELDS) as robot:
         path = excitation(model_of_robot(robot_ip, port_offset), robot.q, duration, bounds, seed)
         check_and_confirm(robot_ip, robot, path, yes=yes)

@@ -18,7 +18,7 @@ from client.commands.cameras import DEFAULT_HZ, CameraNames, CameraOptions, Came
 from client.commands.following import Interrupts, PortOffset, ProgressBar, RobotIP, Sink, connect, follow
 from client.commands.scene_drawing import DrawnServer, model_of_robot, scene_drawing
 from client.controllers.remote import check_no_manager
-from client.driver.config import ROBOT_PORTS
+from client.driver.config import robot_ports
 from client.errors import ClientError, FileError, RecordingError
 from client.recording import live
 from client.recording.files import Recorder, Writer, convert, field_names, read, remarks
@@ -127,7 +127,7 @@ def replay_command(
     if not 0.0 < speed <= 10.0:
         raise typer.BadParameter(f"--speed must be above 0 and at most 10, not {speed:g}")
     path = joint_path(read_with_remarks(file), speed)
-    ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
+    ports = robot_ports(port_offset)
     with exclusive_motion(robot_ip, ports), Robot(robot_ip, robot_ports=ports) as robot:
         check_and_confirm(robot_ip, robot, path, yes=yes)
         if make_ready:

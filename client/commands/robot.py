@@ -24,7 +24,7 @@ from client.scripts import is_secondary
 from client.tool_communication import PORT, ToolCommunication
 from urproto.commandline import AsJson, completing, console, plain_json, print_json
 from urproto.errors import RobotRefused
-from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_name
+from urproto.modes import MODE_OUTPUTS, mode_name
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.text import from_bytes
 from urproto.versions import PolyscopeVersion
@@ -36,7 +36,6 @@ _STATE = (
     "timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction",
     "actual_q", "actual_qd", "actual_TCP_pose",
 )  # fmt: skip
-_NAMES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
 
 
 def tool_comm_command(
@@ -235,7 +234,7 @@ def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port
         state = client.receive()
         version = client.core.version
     if as_json:
-        modes = {name: mode_name(_NAMES[name], state[name]) for name in _NAMES}
+        modes = {name: mode_name(MODE_OUTPUTS[name], state[name]) for name in MODE_OUTPUTS}
         print_json({"robot_ip": robot_ip, "polyscope": str(version), **state, **modes})
         return
     rows = [(name, _readable(name, value), OUTPUT_FIELDS[name].unit) for name, value in state.items()]
@@ -250,7 +249,7 @@ def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port
 
 
 def _readable(name: str, value: Any) -> str:
-    if name in _NAMES:
-        return mode_name(_NAMES[name], value)
+    if name in MODE_OUTPUTS:
+        return mode_name(MODE_OUTPUTS[name], value)
     numbers = value if isinstance(value, tuple) else (value,)
     return ", ".join(f"{number:.4f}" for number in numbers)

@@ -13,7 +13,7 @@ from client.commands.cameras import CameraNames, CameraOptions, CameraPort, Came
 from client.commands.control import ControllersOption, Headless, InitialController, MakeReady, controllers_file, run
 from client.commands.following import PortOffset, RobotIP
 from client.dashboard import DashboardClient
-from client.driver.config import ROBOT_PORTS, read_settings
+from client.driver.config import read_settings, robot_ports
 from client.errors import Ros2Error
 from urproto.errors import URError
 from urproto.ports import CAMERA_PORT
@@ -105,7 +105,7 @@ def ros2_command(
     options = DriverOptions(
         robot_ip,
         {
-            "robot_ports": {name: port + port_offset for name, port in ROBOT_PORTS.items()},
+            "robot_ports": robot_ports(port_offset),
             **(_SIM_TIME if use_sim_time else {}),
             **settings,
         },

@@ -23,6 +23,7 @@ ROBOT_PORTS: Final[Mapping[str, int]] = {
     "primary": primary.PORT,
     "rtde": rtde.PORT,
 }
+"""The ports of a robot that a driver connects to."""
 _SETTINGS: Final[Mapping[str, Mapping[str, Callable[[str], Any]]]] = {
     "": {
         "own_address": str,
@@ -46,6 +47,11 @@ _SETTINGS: Final[Mapping[str, Mapping[str, Callable[[str], Any]]]] = {
         "tx_idle_chars": float,
     },
 }
+
+
+def robot_ports(offset: int) -> dict[str, int]:
+    """These ports, for ``DriverConfig.robot_ports``, of an emulator with this --port-offset."""
+    return {name: port + offset for name, port in ROBOT_PORTS.items()}
 
 
 def calibration_hash(kinematics: KinematicsInfo) -> str:

@@ -3,17 +3,17 @@
 import asyncio
 import json
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from mcp.server.mcpserver import Image
 
 from client import dashboard, primary, rtde
 from client.cameras import CameraClient
 from client.dashboard_commands import checked_command
-from client.driver.config import ROBOT_PORTS
+from client.driver.config import robot_ports
 from client.errors import ClientError
 from client.mcp.consent import Consent
 from client.programs import controller, script_problems
@@ -24,17 +24,16 @@ from urproto.compat_asyncio import timeout
 from urproto.controlapi import ControlClient, NoAccessError
 from urproto.errorcodes import error_text
 from urproto.errors import RobotRefused, URError
-from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_name
+from urproto.modes import MODE_OUTPUTS, mode_name
 from urproto.ports import CAMERA_PORT, CONTROL_API_PORT
 from urproto.text import from_bytes, to_bytes
 
 EMULATOR: Final = "an emulator: nothing real moves"
 REAL: Final = "a real arm, or a simulator of the vendor: treat it as a real arm"
 
-_MODES: Final = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
 _STATE: Final = {
     "timestamp": "uptime_s",
-    **{name: name for name in _MODES},
+    **{name: name for name in MODE_OUTPUTS},
     "target_speed_fraction": "speed_slider",
     "actual_q": "joints_rad",
     "actual_qd": "joint_speeds_rad_s",
@@ -43,14 +42,31 @@ _STATE: Final = {
     "actual_digital_output_bits": "digital_output_bits",
 }
 _ASKING_S: Final = 2.0  # guess: how long an emulator takes to say that it is one
-_COMPUTING_S: Final = 120.0  # of this machine's time, for programs in virtual time
-_MOST_TEXT: Final = 20_000  # characters of a program's output: more fills an assistant's context
+_COMPUTING_S: Final = 120.0  # guess: this machine's time for a program in virtual time
+_MOST_TEXT: Final = 20_000  # characters of a program's output; guess: more fills an assistant's context
 _STARTING_S: Final = 30.0  # guess: until a program runs
-_LONGEST_S: Final = 600.0  # that a motion or a program may take
+_LONGEST_S: Final = 600.0  # guess: longer than any single motion or program takes
+
+_Tool = TypeVar("_Tool", bound=Callable[..., Awaitable[Any]])
+
+READING: Final[list[Callable[..., Awaitable[Any]]]] = []
+"""Tools that change nothing outside this machine's processes."""
+CHANGING: Final[list[Callable[..., Awaitable[Any]]]] = []
+"""Tools that exist only with consent to motion."""
+
+
+def _reading(tool: _Tool) -> _Tool:
+    READING.append(tool)
+    return tool
+
+
+def _changing(tool: _Tool) -> _Tool:
+    CHANGING.append(tool)
+    return tool
 
 
 class Tools:
-    """Every public method is a tool. port_offset: added to each port of every robot."""
+    """Each tool is a method, marked by what it does. port_offset: added to each port of every robot."""
 
     def __init__(self, consent: Consent, robot_ip: str = "127.0.0.1", port_offset: int = 0) -> None:
         self._consent = consent
@@ -59,6 +75,7 @@ class Tools:
 
     # what changes nothing
 
+    @_reading
     async def read_state(self, robot_ip: str = "") -> dict[str, Any]:
         """Modes, joint angles, TCP pose, speeds and digital signals of a robot, now.
 
@@ -69,10 +86,12 @@ class Tools:
             state = await client.receive()
             version = str(client.core.version)
         named = {
-            _STATE[name]: mode_name(_MODES[name], value) if name in _MODES else value for name, value in state.items()
+            _STATE[name]: mode_name(MODE_OUTPUTS[name], value) if name in MODE_OUTPUTS else value
+            for name, value in state.items()
         }
         return await self._answer(host, {"polyscope": version, **named})
 
+    @_reading
     async def check_program(self, program: str, polyscope: str = "3.15") -> dict[str, Any]:
         """Find mistakes in a URScript program without a robot. polyscope: the version that it is for."""
         _, version = controller(None, polyscope)
@@ -88,6 +107,7 @@ class Tools:
         ]
         return {"polyscope": str(version), "problems": problems}
 
+    @_reading
     async def try_program(
         self, program: str, model: str = "ur3", polyscope: str = "", robot_time_s: float = 60.0, trace: bool = False
     ) -> dict[str, Any]:
@@ -104,6 +124,7 @@ class Tools:
             program=program,
         )
 
+    @_reading
     async def replay_journal(self, file: str, until: str = "") -> dict[str, Any]:
         """Execute the recorded run of an emulator (a .journal file) again, and say whether it is the same.
 
@@ -114,10 +135,12 @@ class Tools:
             raise ClientError(f"{path} is not a .journal file on this machine")
         return await _run(*module_command("emulator"), "replay", *([f"--until={until}"] if until else []), str(path))
 
+    @_reading
     async def explain_error_code(self, code: int, argument: int = 0) -> dict[str, Any]:
         """What a code of the robot's log means: C153A1 is code 153, argument 1."""
         return {"code": f"C{code}A{argument}", "meaning": error_text(code, argument)}
 
+    @_reading
     async def take_picture(self, camera: str = "", robot_ip: str = "") -> list[Any]:
         """A picture of a camera of an emulator's scene, taken now. camera: empty for the first one."""
         host = self._host(robot_ip)
@@ -132,6 +155,7 @@ class Tools:
         answer = await self._answer(host, {"camera": name, "uptime_s": time_s})
         return [json.dumps(answer), Image(data=data, format="jpeg")]
 
+    @_reading
     async def list_emulator_verbs(self, robot_ip: str = "") -> dict[str, Any]:
         """What `use_emulator` can do: faults, inputs, safety devices, time, the world. Only emulators have verbs."""
         host = self._host(robot_ip)
@@ -139,30 +163,36 @@ class Tools:
 
     # what moves an arm, or changes a robot
 
+    @_changing
     async def make_ready(self, robot_ip: str = "") -> dict[str, Any]:
         """Power the arm on and release its brakes, as far as that is still to be done. The arm moves slightly."""
         return await self._with_robot(robot_ip, lambda robot: robot.make_ready(program=False))
 
+    @_changing
     async def unlock_protective_stop(self, robot_ip: str = "") -> dict[str, Any]:
         """Unlock a protective stop, 5 s after it occurred. Only when it is clear why the arm stopped."""
         return await self._with_robot(robot_ip, lambda robot: robot.recover())
 
+    @_changing
     async def move_joints(
         self, joints_rad: list[float], speed_rad_s: float = 0.5, robot_ip: str = ""
     ) -> dict[str, Any]:
         """Move to six joint angles, base to wrist 3, and wait. speed_rad_s: of the joint with the longest way."""
         return await self._with_robot(robot_ip, lambda robot: robot.move_j(joints_rad, speed_rad_s=speed_rad_s))
 
+    @_changing
     async def move_tcp(
         self, pose_base_m_rotvec_rad: list[float], speed_m_s: float = 0.1, robot_ip: str = ""
     ) -> dict[str, Any]:
         """Move the TCP in a straight line to a pose in the base frame, x y z rx ry rz, and wait."""
         return await self._with_robot(robot_ip, lambda robot: robot.move_l(pose_base_m_rotvec_rad, speed_m_s=speed_m_s))
 
+    @_changing
     async def set_digital_output(self, number: int, on: bool, robot_ip: str = "") -> dict[str, Any]:
         """Switch a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
         return await self._with_robot(robot_ip, lambda robot: robot.set_digital_out(number, on))
 
+    @_changing
     async def send_program(self, program: str, wait_s: float = 60.0, robot_ip: str = "") -> dict[str, Any]:
         """Check a URScript program, run it on the robot, and wait for its end: its texts, and errors by line.
 
@@ -181,6 +211,7 @@ class Tools:
             result = await client.run(client.core.execute(program, timeout_s=limit_s), limit_s + _STARTING_S)
         return await self._answer(host, {"program": result.name, "ended": True, "texts": result.texts})
 
+    @_changing
     async def send_dashboard_command(self, command: str, robot_ip: str = "") -> dict[str, Any]:
         """Send a dashboard command, such as "stop", "play", "load cell.urp" or "unlock protective stop"."""
         host, operation = self._host(robot_ip), checked_command(command)
@@ -191,6 +222,7 @@ class Tools:
                 answer, done = refusal.answer, False
         return await self._answer(host, {"command": command, "answer": answer, "done": done})
 
+    @_changing
     async def use_emulator(self, verb: str, arguments: dict[str, Any], robot_ip: str = "") -> dict[str, Any]:
         """Use a verb of `list_emulator_verbs`: inject a fault, set an input, stop or pass time, move an object."""
         host = self._host(robot_ip)
@@ -222,34 +254,9 @@ class Tools:
 
     async def _with_robot(self, robot_ip: str, act: Callable[[AsyncRobot], Any]) -> dict[str, Any]:
         host = self._host(robot_ip)
-        ports = {name: port + self._offset for name, port in ROBOT_PORTS.items()}
-        async with timeout(_LONGEST_S), AsyncRobot(host, robot_ports=ports) as robot:
+        async with timeout(_LONGEST_S), AsyncRobot(host, robot_ports=robot_ports(self._offset)) as robot:
             await act(robot)
         return await self.read_state(host)
-
-
-READING: Final = (
-    Tools.read_state,
-    Tools.check_program,
-    Tools.try_program,
-    Tools.replay_journal,
-    Tools.explain_error_code,
-    Tools.take_picture,
-    Tools.list_emulator_verbs,
-)
-"""Tools that change nothing outside this machine's processes."""
-
-CHANGING: Final = (
-    Tools.make_ready,
-    Tools.unlock_protective_stop,
-    Tools.move_joints,
-    Tools.move_tcp,
-    Tools.set_digital_output,
-    Tools.send_program,
-    Tools.send_dashboard_command,
-    Tools.use_emulator,
-)
-"""Tools that exist only with consent to motion."""
 
 
 async def _run(*command: str, program: str = "") -> dict[str, Any]:

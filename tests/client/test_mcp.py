@@ -46,11 +46,15 @@ def reached(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     connect, resolve = socket.socket.connect, socket.getaddrinfo
 
     def connecting(self: socket.socket, address: Any) -> None:
-        hosts.append(str(address[0]) if isinstance(address, tuple) else "127.0.0.1")
+        hosts.append(host := str(address[0]) if isinstance(address, tuple) else "127.0.0.1")
+        if not is_loopback(host):
+            raise OSError(f"{host} is not to be reached")
         connect(self, address)
 
     def resolving(host: Any, *values: Any, **named: Any) -> Any:
         hosts.append(str(host))
+        if not is_loopback(str(host)):
+            raise OSError(f"{host} is not to be resolved")
         return resolve(host, *values, **named)
 
     monkeypatch.setattr(socket.socket, "connect", connecting)
