@@ -25,7 +25,7 @@ from client.controllers.controller import LifecycleState
 from client.controllers.remote import ANSWER_S, RemoteManager
 from client.controllers.running import ManagerOptions, RunningManager
 from client.controllers.session import Session
-from client.driver.config import ROBOT_PORTS, robot_ports
+from client.driver.config import robot_ports
 from client.driver.scheduling import real_time
 from client.errors import ControllerError, NoManagerError
 from client.recording import DEFAULT_FIELDS
@@ -141,7 +141,7 @@ class Target:
 
     def manager(self) -> _Shared:
         """The manager running for this robot; entering it raises NoManagerError if there is none."""
-        return _Shared(self.robot_ip, ROBOT_PORTS["rtde"] + self.port_offset)
+        return _Shared(self.robot_ip, self.ports["rtde"])
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[ArmAccess]:

@@ -41,7 +41,7 @@ async def robot(
 @pytest.fixture
 def target(robot: Emulator, monkeypatch: pytest.MonkeyPatch) -> Target:
     """What a command of a shell gets as its robot: the running one."""
-    monkeypatch.setattr("client.commands.control.ROBOT_PORTS", robot.ports)
+    monkeypatch.setattr("client.driver.config.ROBOT_PORTS", robot.ports)
     return Target(HOST, 0)
 
 
