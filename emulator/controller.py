@@ -11,7 +11,7 @@ There is no clock: time is the number of ticks.
 A tick never raises: exceptions of its stages are handled by the guard (`emulator.guard`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from operator import attrgetter
 from pathlib import Path
@@ -50,7 +50,6 @@ from urproto.facts import Personality, Situation, find, known
 from urproto.modes import AnalogDomain, ReportLevel, RobotStatusBits, RuntimeState
 from urproto.robots.measured import supply_of
 from urproto.robots.pose import Pose
-from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.vectors import ZERO6, Vector6
 from urproto.versions import Series
 from urscript.polyscope.installation_file import InstallationFile
@@ -63,14 +62,19 @@ _CHECKED: Final = {
     "target joint angles": "target_q",
     "joint angles": "q",
     "joint speeds": "qd",
-    "joint torques": "actual_torque",
+    "joint accelerations": "qdd",
+    "TCP force": "tcp_force",
+}
+"""Values of the arm that are checked for plausibility in each period, and their attributes."""
+_ALSO_CHECKED: Final = {
+    "joint torques": "efforts.actual_torque",
     "TCP pose": "tcp_pose",
     "TCP speed": "tcp_speed",
-    "TCP force": "tcp_force",
-    "force sensor": "ft_raw_wrench",
+    "force sensor": "state.sensors.raw_wrench",
 }
-"""Values of the arm that are checked for plausibility, and their attributes."""
+"""Values that are implausible only with a load or TCP beyond all reason, or an implausible motion."""
 _vectors_of = attrgetter(*_CHECKED.values())
+_derived_vectors_of = attrgetter(*_ALSO_CHECKED.values())
 
 
 class Controller(Machine):
@@ -119,7 +123,6 @@ class Controller(Machine):
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, chances=self.chances if config.dynamic else None)
         self.simulation = Simulation(self.arm)
-        self.arm.base_wrench_enabled = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         supply = supply_of(self.model) if config.dynamic else None
         self.electrics = Electrics(self._situation_of_arm, self.chances, supply)
         self.motion = Motion(self.model, self.period_s, config.start_q)
@@ -401,11 +404,18 @@ class Controller(Machine):
 
     def _check_arm(self) -> None:
         """Raise ArithmeticError on implausible values, which must neither be published nor reach the next period."""
-        vectors = _vectors_of(self.arm)
-        if not plausible(*chain.from_iterable(vectors)):
-            name, values = next(pair for pair in zip(_CHECKED, vectors, strict=True) if not plausible(*pair[1]))
-            raise ArithmeticError(f"the {name} exceeded all bounds: {values}")
-        self.last_good_q = self.arm.q
+        arm = self.arm
+        self._check_values(_CHECKED, _vectors_of(arm))
+        if not arm.ordinary:
+            self._check_values(_ALSO_CHECKED, _derived_vectors_of(arm))
+        self.last_good_q = arm.q
+
+    @staticmethod
+    def _check_values(names: Iterable[str], vectors: Iterable[Sequence[float]]) -> None:
+        if plausible(*chain.from_iterable(vectors)):
+            return
+        name, values = next(pair for pair in zip(names, vectors, strict=True) if not plausible(*pair[1]))
+        raise ArithmeticError(f"the {name} exceeded all bounds: {values}")
 
     def _advance_tool(self) -> None:
         """Advance gripper and tool line, which have power only while the arm has."""

@@ -159,7 +159,7 @@ def _head(machine: Machine) -> str:
 
 
 def _summary(machine: Machine) -> str:
-    return _head(machine) + "".join(f"{name}: {value}\n" for name, value in vars(machine.snapshot).items())
+    return _head(machine) + "".join(f"{name}: {value}\n" for name, value in machine.snapshot.values().items())
 
 
 def _date_and_time(seconds: int) -> str:

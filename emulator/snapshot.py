@@ -8,8 +8,9 @@ Each period's snapshot starts as a shallow copy of the previous one (``successor
 changes are written to it (`Marked`); at rest, a snapshot takes a few microseconds.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import hypot
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final
 
 from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
@@ -29,6 +30,9 @@ from urproto.primary.messages import RobotMessage
 from urproto.primary.program_state import VariableMessage
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
 
+if TYPE_CHECKING:
+    from emulator.robot.arm import ArmState
+
 _MAX_PLAUSIBLE: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: beyond any arm and its load (guess)
 
 
@@ -37,6 +41,30 @@ def plausible(*numbers: float) -> bool:
     if hypot(*numbers) < _MAX_PLAUSIBLE:  # the usual case, checked in a single operation
         return True
     return all(-_MAX_PLAUSIBLE < number < _MAX_PLAUSIBLE for number in numbers)
+
+
+class _OfArm:
+    """A value of the arm, computed when it is read unless a hook has replaced it. default: without an arm."""
+
+    def __init__(self, path: str, default: Any) -> None:
+        self._read, self._default = attrgetter(path), default
+
+    def __get__(self, snapshot: "Snapshot | None", owner: type) -> Any:
+        if snapshot is None or (arm := snapshot.arm) is None:
+            return self._default
+        return self._read(arm)
+
+
+def _six(path: str) -> Vector6:
+    return _OfArm(path, ZERO6)  # type: ignore[return-value]  # as seen from outside
+
+
+def _three(path: str) -> Vector3:
+    return _OfArm(path, ZERO3)  # type: ignore[return-value]
+
+
+def _number(path: str) -> float:
+    return _OfArm(path, 0.0)  # type: ignore[return-value]
 
 
 @dataclass(kw_only=True)
@@ -51,36 +79,39 @@ class Snapshot:
     # time
     step: int = 0  # control periods since the controller started
     timestamp: float = 0.0  # controller uptime [s], from the step counter
-    # joints: rad, rad/s, rad/s2, A, Nm
+    # the arm, whose poses, speeds, torques and currents are computed when they are read
+    arm: "ArmState | None" = None
+    actual_TCP_pose = _six("measured.pose")
+    actual_TCP_speed = _six("measured.speed")
+    actual_TCP_force = _six("sensors.force")  # N, Nm
+    target_TCP_pose = _six("target.now.pose")
+    target_TCP_speed = _six("target.now.speed")
+    actual_TCP_acceleration = _six("tool.acceleration")
+    target_TCP_acceleration = _six("target.acceleration")
+    elbow_position = _three("tool.now.elbow_position")
+    elbow_velocity = _three("tool.elbow_velocity")
+    actual_tool_accelerometer = _three("sensors.acceleration")  # m/s2
+    ft_raw_wrench = _six("sensors.raw_wrench")  # in the flange frame
+    actual_momentum = _number("efforts.momentum")
+    target_moment = _six("efforts.target_torque")
+    target_current = _six("efforts.target_current")
+    actual_current = _six("efforts.actual_current")
+    actual_current_as_torque = _six("efforts.actual_torque")
+    joint_control_output = _six("efforts.control_output")
+    target_base_wrench = _six("efforts.base_wrench")
+    # joints: rad, rad/s, rad/s2, A
     target_q: Vector6 = ZERO6
     target_qd: Vector6 = ZERO6
     target_qdd: Vector6 = ZERO6
-    target_current: Vector6 = ZERO6
-    target_moment: Vector6 = ZERO6
     actual_q: Vector6 = ZERO6
     actual_qd: Vector6 = ZERO6
-    actual_current: Vector6 = ZERO6
     actual_current_window: Vector6 = ZERO6
-    actual_current_as_torque: Vector6 = ZERO6
-    joint_control_output: Vector6 = ZERO6
     joint_temperatures: Vector6 = ZERO6  # degC
     actual_joint_voltage: Vector6 = ZERO6  # V
     joint_mode: tuple[JointMode, ...] = (JointMode.POWER_OFF,) * 6
-    # tool centre point, in the base frame
-    actual_TCP_pose: Vector6 = ZERO6
-    actual_TCP_speed: Vector6 = ZERO6
-    actual_TCP_force: Vector6 = ZERO6  # N, Nm
-    target_TCP_pose: Vector6 = ZERO6
-    target_TCP_speed: Vector6 = ZERO6
-    actual_TCP_acceleration: Vector6 = ZERO6
-    target_TCP_acceleration: Vector6 = ZERO6
+    # tool centre point
     tcp_offset: Vector6 = ZERO6  # flange to TCP
     tcp_force_scalar: float = 0.0
-    elbow_position: Vector3 = ZERO3
-    elbow_velocity: Vector3 = ZERO3
-    actual_tool_accelerometer: Vector3 = ZERO3  # m/s2
-    actual_momentum: float = 0.0
-    ft_raw_wrench: Vector6 = ZERO6  # in the flange frame
     wrench_calc_from_currents: Vector6 = ZERO6
     # payload
     payload: float = 0.0
@@ -88,7 +119,6 @@ class Snapshot:
     payload_inertia: Vector6 = ZERO6  # Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]
     target_gravity: Vector3 = ZERO3
     target_base_acceleration: Vector6 = ZERO6
-    target_base_wrench: Vector6 = ZERO6
     # modes
     robot_mode: RobotMode = RobotMode.POWER_OFF
     safety_mode: SafetyMode = SafetyMode.NORMAL
@@ -173,6 +203,17 @@ class Snapshot:
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)
         return copy
+
+    def values(self) -> dict[str, Any]:
+        """All values by name."""
+        return {name: getattr(self, name) for name in NAMES}
+
+
+NAMES: Final = (
+    *(field.name for field in fields(Snapshot) if field.name != "arm"),
+    *(name for name, value in vars(Snapshot).items() if isinstance(value, _OfArm)),
+)
+"""Names of the values of a snapshot."""
 
 
 class Marked:

@@ -138,7 +138,7 @@ def get_tcp_force(host: ProgramHost) -> list[float]:
 
     About the flange on e-Series, where the sensor is; at the TCP on CB3, and with an external sensor.
     """
-    return list(host.arm.measured_force)
+    return list(host.arm.state.sensors.force)
 
 
 @LIBRARY.builtin()
@@ -182,7 +182,7 @@ def get_tool_current(host: ProgramHost) -> float:
 @LIBRARY.builtin()
 def get_tool_accelerometer_reading(host: ProgramHost) -> list[float]:
     """Acceleration measured in the tool flange, gravity included [m/s2]."""
-    return list(host.arm.tool_acceleration)
+    return list(host.arm.state.sensors.acceleration)
 
 
 @LIBRARY.builtin()

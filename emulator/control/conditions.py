@@ -102,9 +102,9 @@ def _element(read: Read, index: str | None) -> Read:
 
 def _value_of(snapshot: Snapshot, name: str, index: str | None) -> Any:
     try:
-        value = vars(snapshot)[name]
+        value = getattr(snapshot, name)
         return value if index is None else value[int(index)]
-    except (KeyError, TypeError, IndexError):
+    except (AttributeError, TypeError, IndexError):
         place = name if index is None else f"{name}[{index}]"
         raise ValueError(f"there is no field {place}: the verb state lists the fields") from None
 

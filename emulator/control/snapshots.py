@@ -46,7 +46,7 @@ _SECTIONS: Final[dict[str, tuple[Callable[["Controller"], Any], tuple[str, ...]]
         ),
     ),
     "programs": (lambda c: c.programs, ("flags",)),
-    "electrics": (lambda c: c.electrics, ("energy_J", "braking_energy_J")),
+    "electrics": (lambda c: c.electrics, ("energy_J", "braking_energy_J", "periods")),
     "temperatures": (lambda c: c.electrics.thermals, ("joints", "tool", "box", "elapsed_s")),
 }
 

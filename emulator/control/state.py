@@ -2,18 +2,17 @@
 
 from base64 import b64decode
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import Any, Final
 
 from emulator.control.snapshots import check_document, restore_state, save_state
 from emulator.control.verbs import Verbs, refusing, verb
 from emulator.robot.installation import Payload
-from emulator.snapshot import Snapshot, plausible
+from emulator.snapshot import NAMES, plausible
 from urproto.compat import IntEnum, IntFlag
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.vectors import ZERO3, Vector3, Vector6
 
-_FIELDS: Final = tuple(field.name for field in fields(Snapshot) if field.name != "messages")
+_FIELDS: Final = tuple(name for name in NAMES if name != "messages")
 
 
 class StateVerbs(Verbs):

@@ -272,7 +272,7 @@ def plain_values(snapshot: Any) -> dict[str, Any]:
 
     Not how long computing took, which is the machine's, nor messages, which the log has.
     """
-    return {name: _plain(value) for name, value in vars(snapshot).items() if name not in _NOT_REPEATED}
+    return {name: _plain(value) for name, value in snapshot.values().items() if name not in _NOT_REPEATED}
 
 
 def _plain(value: Any) -> Any:

@@ -90,7 +90,7 @@ class Tracer:
         self.time_s = time_s
         if time_s < self._begin_s:
             return False
-        sampled = trace.add(time_s, vars(controller.snapshot))
+        sampled = trace.add(time_s, controller.snapshot.values())
         self._log(controller)
         self._lines(controller)
         world = controller.world

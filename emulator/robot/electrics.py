@@ -16,13 +16,16 @@ from typing import Final
 
 from emulator.robot.arm import Arm
 from emulator.robot.chance import Chances
+from emulator.robot.efforts import Efforts, IdealEfforts
 from emulator.snapshot import Snapshot
 from urproto.facts import Personality, Situation, find
 from urproto.robots.measured import Supply
+from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.vectors import ZERO6, Vector6, as_six
 
 ROOM_C: Final = 24.0
 _PERIOD_S: Final = 1.0
+_METER_S: Final = 0.008
 # Measured: 1650 to 2300 s (mean 2020) for the joints of a real UR3 over 49 minutes ("UR3 CobotOps", UCI, in
 # SparkyWolf1/python_industrial_automation_homeworks), which an exponential fits within 0.05 K. Rises: those of a warm
 # CB3 arm (tests/controller/test_field_truth.py); in a hall at 29 degrees, the UR3's final values are within 1 K of
@@ -55,8 +58,10 @@ class Thermals:
             self.joints = find("joint_temperatures", situation).six
             self.tool, self.box = (find(name, situation).number for name in ("tool_temperature", "board_temperature"))
 
-    def advance(self, current: Vector6, period_s: float, *, powered: bool, friction_W: Vector6 = ZERO6) -> bool:
-        """Advance one control period with these joint currents [A] and this heat of friction [W].
+    def advance(
+        self, efforts: IdealEfforts | Efforts, period_s: float, *, powered: bool, friction_W: Vector6 = ZERO6
+    ) -> bool:
+        """Advance one control period with the currents of these efforts and this heat of friction [W].
 
         Returns True if the temperatures were updated.
         """
@@ -66,7 +71,7 @@ class Thermals:
         if self.elapsed_s < _PERIOD_S:
             return False
         self.elapsed_s -= _PERIOD_S
-        self.joints = _approach6(self.joints, _joint_rises(current, friction_W) if powered else ZERO6)
+        self.joints = _approach6(self.joints, _joint_rises(efforts.actual_current, friction_W) if powered else ZERO6)
         self.tool = _approach(self.tool, _TOOL_RISE_K if powered else 0.0)
         self.box = _approach(self.box, _BOX_RISE_K)
         return True
@@ -90,7 +95,8 @@ def _approach6(temperatures: Vector6, rises: Vector6) -> Vector6:
 class Electrics:
     """Supply current, energy and temperatures, derived from the joint currents.
 
-    situation: whose values are reported. supply: a real arm's, with noise.
+    situation: whose values are reported. supply: a real arm's, with noise. The energy meter, of the versions that have
+    one, adds what is drawn every 8 ms.
     """
 
     def __init__(self, situation: Situation, chances: Chances, supply: Supply | None = None) -> None:
@@ -99,23 +105,42 @@ class Electrics:
             _rule(name, situation) for name in ("robot_current", "joint_voltages", "tool_voltage")
         )
         self._supply = supply
+        self._shown = "zero" not in (self._current, self._joint_voltages)  # what is drawn is seen in each period
+        period_s = situation.version.series.period_s
+        metered = OUTPUT_FIELDS["actual_robot_energy_consumed"].available.covers(situation.version)
+        self._reading_after = round(_METER_S / period_s) if metered else 0
+        self.periods = 0  # since the last reading of the energy meter
         self._chance = chances.stream("supply")  # separate from the noise of currents
         self.robot_current_A = 0.0
         self.energy_J = 0.0
         self.braking_energy_J = 0.0
         self.thermals = Thermals(situation)
         self._braking_W = 0.0
+        self._stale = True  # the arm's efforts have changed since the last draw was calculated
+        self._measured: tuple[float, ...] | None = None
         self._news = True  # a value that is published only when it changes has changed
 
     def advance(self, arm: Arm, period_s: float, *, powered: bool, changed: bool) -> None:
         """Advance one control period. ``changed``: the arm's torques or its power differ from the last one's."""
         if changed:
-            self._draw(arm, powered)
-        if powered:
-            self.energy_J += self._robot_V * self.robot_current_A * period_s
-            self.braking_energy_J += self._braking_W * period_s
-        if self.thermals.advance(arm.actual_current, period_s, powered=powered, friction_W=arm.friction_W):
+            self._news = self._stale = True
+            if self._shown:
+                self._draw(arm, powered)
+        if self._reading_after:
+            self.periods += 1
+            if self.periods >= self._reading_after:
+                self._read_meter(arm, period_s, powered)
+        if self._supply is not None:
+            self._measured = self._measure(self._supply, powered)
+        if self.thermals.advance(arm.efforts, period_s, powered=powered, friction_W=arm.friction_W):
             self._news = True
+
+    def _read_meter(self, arm: Arm, period_s: float, powered: bool) -> None:
+        if self._stale:
+            self._draw(arm, powered)
+        time_s, self.periods = self.periods * period_s, 0
+        self.energy_J += self._robot_V * self.robot_current_A * time_s
+        self.braking_energy_J += self._braking_W * time_s
 
     def mark(self) -> None:
         """Let the next ``publish`` write everything."""
@@ -125,8 +150,11 @@ class Electrics:
         """Write everything that has changed since the last snapshot."""
         snapshot.actual_robot_energy_consumed = self.energy_J
         snapshot.actual_robot_braking_energy_dissipated = self.braking_energy_J
-        if self._supply is not None:
-            self._measure(snapshot, self._supply, powered)
+        if self._measured is not None:
+            snapshot.actual_main_voltage, snapshot.actual_robot_voltage, snapshot.actual_robot_current, *rest = (
+                self._measured
+            )
+            snapshot.actual_joint_voltage, snapshot.tool_board_voltage = as_six(rest), snapshot.actual_robot_voltage
         if not self._news:
             return
         self._news = False
@@ -141,33 +169,33 @@ class Electrics:
         snapshot.tool_temperature = self.thermals.tool
         snapshot.board_temperature = self.thermals.box
 
-    def _measure(self, snapshot: Snapshot, supply: Supply, powered: bool) -> None:
-        """Supply voltages and current as measured by a real arm."""
+    def _measure(self, supply: Supply, powered: bool) -> tuple[float, ...]:
+        """Main and robot voltage, robot current, and six joint voltages, as measured by a real arm."""
         gauss = self._chance.gauss
-        snapshot.actual_main_voltage = gauss(supply.main_V, supply.main_noise_V)
+        main_V = gauss(supply.main_V, supply.main_noise_V)
         if not powered:
-            snapshot.actual_robot_voltage = snapshot.actual_robot_current = 0.0
-            snapshot.tool_board_voltage, snapshot.actual_joint_voltage = 0.0, ZERO6
-            return
-        snapshot.actual_robot_voltage = gauss(supply.robot_V, supply.robot_noise_V)
-        snapshot.actual_robot_current = gauss(self.robot_current_A, supply.current_noise_A)
-        snapshot.tool_board_voltage = snapshot.actual_robot_voltage
-        joints = self._joint_voltage(supply.robot_V)
-        snapshot.actual_joint_voltage = as_six(gauss(joints, supply.joint_noise_V) for _ in range(6))
+            return (main_V, *(0.0,) * 8)
+        joints_V = self._joint_voltage(supply.robot_V)
+        return (
+            main_V,
+            gauss(supply.robot_V, supply.robot_noise_V),
+            gauss(self.robot_current_A, supply.current_noise_A),
+            *(gauss(joints_V, supply.joint_noise_V) for _ in range(6)),
+        )
 
     def _joint_voltage(self, supply_V: float) -> float:
         return supply_V - _CABLE_OHM * self.robot_current_A
 
     def _draw(self, arm: Arm, powered: bool) -> None:
+        self._stale = False
         power_W = _joint_power(arm) if powered else 0.0
         self._braking_W = max(0.0, -power_W)
         if not powered:
             self.robot_current_A = 0.0
         elif self._current == "twice":
-            self.robot_current_A = 2.0 * sum(map(abs, arm.actual_current))
+            self.robot_current_A = 2.0 * sum(map(abs, arm.efforts.actual_current))
         else:
             self.robot_current_A = _STANDBY_A + max(0.0, power_W) / self._robot_V
-        self._news = True
 
 
 def _rule(name: str, situation: Situation) -> str:
@@ -180,6 +208,7 @@ def _rule(name: str, situation: Situation) -> str:
 
 def _joint_power(arm: Arm) -> float:
     """Power taken by all joints: losses and mechanical power; negative while they brake."""
-    losses: float = _LOSS_OHM * sum(map(mul, arm.actual_current, arm.actual_current))
-    mechanical: float = sum(map(mul, arm.actual_torque, arm.qd))
+    current = arm.efforts.actual_current
+    losses: float = _LOSS_OHM * sum(map(mul, current, current))
+    mechanical: float = sum(map(mul, arm.efforts.actual_torque, arm.qd))
     return losses + mechanical

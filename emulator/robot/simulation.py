@@ -30,7 +30,6 @@ class Simulation:
         real = self.real
         self._place = real.target_q
         self.shown = Arm(real.model)
-        self.shown.base_wrench_enabled = real.base_wrench_enabled
         return self.shown
 
     def end(self) -> Arm:

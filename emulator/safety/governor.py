@@ -6,10 +6,11 @@ applies to e-Series, and that the margin of momentum is its tolerance, are guess
 """
 
 from dataclasses import replace
-from math import dist, hypot, radians, sqrt
+from math import dist, hypot, inf, radians, sqrt
 from typing import Final
 
 from emulator.robot.arm import Arm
+from emulator.robot.motion_bounds import radii
 from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose
 from urproto.vectors import as_six, largest, lerp
@@ -37,7 +38,7 @@ class Governor:
         self._period = period_s
         self._deceleration = min(model.qdd_max)
         self._mass = sum(link.mass_kg for link in model.links) + model.payload_max_kg
-        self._own_levers = sum(_radii(model))
+        self._own_levers = sum(radii(model))
         self._tcp_offset: Pose | None = None
         self._levers = 0.0  # of all joints to the TCP
         self.use(limits)
@@ -71,12 +72,16 @@ class Governor:
     def _near_a_limit(self, change: float, time: float) -> bool:
         """Whether an exact check is needed: no part of the arm changes its speed by more than ``change`` [m/s]."""
         limits, arm = self._limits, self._arm
+        speed = min(limits.tcp_speed, limits.elbow_speed, 2.0 * limits.stopping_distance / time if time else inf)
+        change += _TURNING_M_S
+        if arm.certainly_below(speed - change, limits.momentum - change * self._mass):
+            return False
         u, v, w, *_ = arm.tcp_speed
         x, y, z = arm.elbow_velocity
-        most = sqrt(max(u * u + v * v + w * w, x * x + y * y + z * z)) + change + _TURNING_M_S
+        most = sqrt(max(u * u + v * v + w * w, x * x + y * y + z * z)) + change
         return (
             most > min(limits.tcp_speed, limits.elbow_speed)
-            or arm.momentum + (change + _TURNING_M_S) * self._mass > limits.momentum
+            or arm.efforts.momentum + change * self._mass > limits.momentum
             or 0.5 * most * time > limits.stopping_distance
         )
 
@@ -127,10 +132,3 @@ def operational_positions(limits: LimitSet, model: RobotModel) -> tuple[Joints, 
 
 def _less(limit: float, margin: float) -> float:
     return max(limit - margin, _MIN_SHARE * limit)
-
-
-def _radii(model: RobotModel) -> Joints:
-    """Upper bound of the distance from each joint's axis to any part of the arm beyond it [m]."""
-    dh = model.dh
-    lengths = [hypot(a, d) for a, d in zip(dh.a, dh.d, strict=True)]
-    return as_six(sum(lengths[max(joint, 1) :]) for joint in range(6))

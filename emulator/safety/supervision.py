@@ -127,18 +127,19 @@ class Supervision:
 
     def _well_within(self, arm: Arm, limits: LimitSet) -> bool:
         """Fast check, sufficient in nearly every period: nothing exceeds a limit, even without tolerance."""
+        if not within(limits.joint_min, arm.q, limits.joint_max) or largest(arm.qd) > min(limits.joint_speed):
+            return False
+        free = arm.wrench == ZERO6
+        if free and arm.certainly_below(min(limits.tcp_speed, limits.elbow_speed), limits.momentum):
+            return True
         u, v, w, *_ = arm.tcp_speed
         x, y, z = arm.elbow_velocity
-        speed, force = u * u + v * v + w * w, 0.0
-        if arm.wrench != ZERO6:
-            f, g, h, *_ = arm.wrench
-            force = f * f + g * g + h * h
+        f, g, h, *_ = arm.wrench
+        speed, force = u * u + v * v + w * w, f * f + g * g + h * h
         return (
-            within(limits.joint_min, arm.q, limits.joint_max)
-            and largest(arm.qd) <= min(limits.joint_speed)
-            and speed <= limits.tcp_speed * limits.tcp_speed
+            speed <= limits.tcp_speed * limits.tcp_speed
             and x * x + y * y + z * z <= limits.elbow_speed * limits.elbow_speed
-            and arm.momentum <= limits.momentum
+            and arm.efforts.momentum <= limits.momentum
             and force <= limits.force * limits.force
             and speed * force <= limits.power * limits.power  # upper bound of the power at this force and speed
         )
@@ -176,8 +177,8 @@ class Supervision:
             yield _over(Cause.FORCE_VIOLATION, "force on the tool", force, limits.force, "N")
         if power > limits.power + slack.power:
             yield _over(Cause.POWER_VIOLATION, "power", power, limits.power, "W")
-        if arm.momentum > limits.momentum + slack.momentum:
-            yield _over(Cause.MOMENTUM_VIOLATION, "momentum", arm.momentum, limits.momentum, "kg m/s")
+        if (momentum := arm.efforts.momentum) > limits.momentum + slack.momentum:
+            yield _over(Cause.MOMENTUM_VIOLATION, "momentum", momentum, limits.momentum, "kg m/s")
 
     def _boundaries(self, arm: Arm, boundaries: Boundaries, mode: SafetyMode, slack: _Tolerances) -> Iterator[Finding]:
         planes = boundaries.planes(mode)

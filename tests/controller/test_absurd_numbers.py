@@ -43,13 +43,13 @@ CALLS = {
 def test_verbs_refuse_absurd_numbers(call, bad, by_name):
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True))
     robot.step()
-    before = vars(robot.controller.snapshot)
+    before = robot.controller.snapshot.values()
     name, arguments = call.split(",")[0], CALLS[call](bad)
     call_verb = partial(verbs_of(VirtualRobot.SUBJECTS)[name].call, robot, arguments)
     with pytest.raises((BadArguments, NotPossible)):
         call_verb() if by_name else getattr(robot, name)(**arguments)
     robot.step(20)
-    after = vars(robot.controller.snapshot)
+    after = robot.controller.snapshot.values()
     changed = {key for key in after if after[key] != before[key]}
     assert changed <= {"step", "timestamp", "actual_robot_energy_consumed"}
 

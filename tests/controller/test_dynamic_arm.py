@@ -88,7 +88,7 @@ def test_a_push_deflects_the_arm_at_first_and_is_then_held(still):
         jacobian = still.controller.arm.kinematics.jacobian(still.now.actual_q)
         pressed = [-newton * z for z in jacobian[2]]
         arm = still.controller.arm
-        held = [a - b for a, b in zip(arm.drives.torque, arm.target_torque, strict=True)]
+        held = [a - b for a, b in zip(arm.drives.torque, arm.efforts.target_torque, strict=True)]
         assert held == pytest.approx([-torque for torque in pressed], abs=0.1)
     assert 1e-4 < sags[0] < 2e-3
     still.controller.external_wrench = ZERO6

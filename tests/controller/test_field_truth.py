@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -338,10 +339,10 @@ def test_joints_warm_up_to_recorded_temperatures_and_cool_down_when_off() -> Non
     thermals = Thermals(facts.Situation(PolyscopeVersion(3, 15), "ur5", Personality.ARM))
     holding = (0.30, 6.02, 3.92, 0.41, -0.10, 0.08)  # A, of the captured arm
     for _ in range(6 * 3600):
-        thermals.advance(holding, 1.0, powered=True)
+        thermals.advance(SimpleNamespace(actual_current=holding), 1.0, powered=True)
     captured = (32.4, 33.5, 35.2, 37.4, 39.8, 41.3)
     assert thermals.joints == pytest.approx(captured, abs=1.5)
     assert thermals.box == pytest.approx(37.3, abs=0.5)
     for _ in range(6 * 3600):
-        thermals.advance((0.0,) * 6, 1.0, powered=False)
+        thermals.advance(SimpleNamespace(actual_current=(0.0,) * 6), 1.0, powered=False)
     assert thermals.joints == pytest.approx((ROOM_C,) * 6, abs=0.1)

@@ -42,7 +42,7 @@ STAGES = {
     "the program's end": lambda c: (c.programs, "step"),
     "motion": lambda c: (c.motion, "advance"),
     "the arm": lambda c: (c.arm, "update"),
-    "torques": lambda c: (c.arm, "_update_torques"),
+    "torques": lambda c: (c.arm, "_efforts"),
     "electrics": lambda c: (c.electrics, "advance"),
     "the tool line": lambda c: (c, "_advance_tool"),
     "judging": lambda c: (c.safety_board, "check_arm"),

@@ -8,6 +8,7 @@ import pytest
 
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
 from emulator.robot.arm import Arm
+from emulator.robot.installation import Installation
 from emulator.safety.geometry import Boundaries, clamping_room
 from emulator.safety.governor import TRANSITION_S, Governor, operational
 from emulator.safety.signals import SafetyDevice
@@ -335,8 +336,7 @@ OPEN = (*CLAMPED[:3], CLAMPED[3] + 0.5, *CLAMPED[4:])
 def test_a_reported_pose_counts_as_clamping():
     model = load_model("ur5e")
     arm = Arm(model)
-    arm.q = CLAMPED
-    arm._tool.update(CLAMPED, ZERO6, ZERO6, model.series.period_s, started=True)
+    arm.update((CLAMPED, ZERO6, ZERO6), Installation(), ZERO6, model.series.period_s, driven=True)
     assert -0.001 < clamping_room(model, arm) < 0.0
 
 
@@ -378,7 +378,7 @@ def test_speeds_of_restricted_points_match_their_motion():
     seen = []
     for moment in range(3):
         q = tuple(angle + moment * dt * speed for angle, speed in zip(BENT, qd, strict=True))
-        arm._tool.update(q, qd, tcp, dt, started=not moment)
+        arm.update((q, qd, ZERO6), Installation(tcp=tcp), ZERO6, dt, driven=True)
         seen.append(boundaries.points(arm))
     assert len(seen[0]) == 4
     for before, now, after in zip(*seen, strict=True):
@@ -424,7 +424,7 @@ def test_the_used_share_of_a_limit_is_proportional_to_speed(limit):
     """This tells the pacer directly by how much to slow down."""
     model = load_model("ur5e")
     arm = Arm(model)
-    arm._tool.update(STRETCHED, ZERO6, ZERO6, model.series.period_s, started=True)
+    arm.update((STRETCHED, ZERO6, ZERO6), Installation(), ZERO6, model.series.period_s, driven=True)
     governor = Governor(model, arm, 0.002, replace(WIDE, **limit))
     steps = [(speed * 0.002, *ZERO6[1:]) for speed in (1.0, 2.0, 3.0)]
     shares = [governor.excess(STRETCHED, step) for step in steps]

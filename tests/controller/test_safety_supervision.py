@@ -22,11 +22,13 @@ PERIOD_S = {"ur5": 0.008, "ur5e": 0.002}
 ZERO = (0.0,) * 6
 
 
-OF_THE_TOOL = {
-    "tcp_pose": "pose",
-    "tcp_speed": "speed",
-    "flange_pose": "flange_pose",
-    "elbow_velocity": "elbow_velocity",
+# where an arm keeps what is calculated from its motion
+CALCULATED = {
+    "tcp_pose": lambda arm: (arm.state.tool.now, "pose"),
+    "tcp_speed": lambda arm: (arm.state.tool.now, "speed"),
+    "flange_pose": lambda arm: (arm.state.tool.now, "flange_pose"),
+    "elbow_velocity": lambda arm: (arm.state.tool, "elbow_velocity"),
+    "momentum": lambda arm: (arm.efforts, "momentum"),
 }
 
 
@@ -34,7 +36,7 @@ def placed(model, **state):
     """An arm at rest with the given state."""
     arm = Arm(load_model(model))
     for name, value in state.items():
-        holder, attribute = (arm._tool, OF_THE_TOOL[name]) if name in OF_THE_TOOL else (arm, name)
+        holder, attribute = CALCULATED[name](arm) if name in CALCULATED else (arm, name)
         setattr(holder, attribute, value)
     return arm
 

@@ -54,7 +54,7 @@ def test_a_session_is_as_it_was_and_one_message_that_comes_later_breaks_its_prog
     plan = plan_of(PLAN, tmp_path)
     run = Run(plan)
     assert run.finish(()).broken == {}
-    mine, its = (vars(one.controller.snapshot) for one in (recorded, run.robot))
+    mine, its = (one.controller.snapshot.values() for one in (recorded, run.robot))
     assert {name for name in mine if mine[name] != its[name]} <= {"actual_execution_time", "messages"}
     told = []
     with Runner(plan, 1) as runner:

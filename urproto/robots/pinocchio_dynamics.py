@@ -7,8 +7,10 @@ numbers).
 """
 
 from collections.abc import Sequence
+from copy import copy
 from math import cos, hypot, sin
 from struct import Struct
+from threading import Lock
 from typing import Any, Final
 
 import numpy as np
@@ -29,7 +31,8 @@ _MOTION: Final = Struct("=18d")
 class Dynamics:
     """Torques, accelerations and momenta of one arm. Joint vectors are (6,): rad, rad/s, rad/s2, Nm.
 
-    Vectors of another length raise ValueError.
+    Vectors of another length raise ValueError. Any thread may call `torques_and_momentum`, `linear_momentum` and
+    `base_wrench`.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -37,11 +40,22 @@ class Dynamics:
         self._flange = _to_next_link(model.dh, 5) if model.calibration is None else pin.SE3.Identity()
         self._wrist_3 = pin.Inertia(self._pin.inertias[6])
         self._tcp = self._pin.addFrame(pin.Frame("tcp", 6, 0, self._flange, pin.FrameType.OP_FRAME))
-        self._data = self._pin.createData()
+        self.set_gravity(UPRIGHT_GRAVITY)
+        self._make_room()
+
+    def _make_room(self) -> None:
+        self._data, self._report = self._pin.createData(), self._pin.createData()
         # reused in every control period: creating three new arrays takes as long as computing the torques
         self._motion = bytearray(_MOTION.size)
         self._q, self._qd, self._qdd = np.frombuffer(self._motion).reshape(3, 6)
-        self.set_gravity(UPRIGHT_GRAVITY)
+        self._lock = Lock()  # for what may be called from any thread
+
+    def copy(self) -> "Dynamics":
+        """The same arm with the same load, which can be given another one."""
+        other = copy(self)
+        other._pin = pin.Model(self._pin)
+        other._make_room()
+        return other
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = _NO_INERTIA) -> None:
         """Replace the payload.
@@ -71,10 +85,11 @@ class Dynamics:
 
     def torques_and_momentum(self, q_rad: Joints, qd: Joints, qdd: Joints) -> tuple[Joints, float]:
         """`inverse_dynamics` and `linear_momentum` of one motion, faster than both calls; used every control period."""
-        _MOTION.pack_into(self._motion, 0, *q_rad, *qd, *qdd)
-        torques = pin.rnea(self._pin, self._data, self._q, self._qd, self._qdd)
-        momentum = pin.computeCentroidalMomentum(self._pin, self._data)  # for the velocities computed before
-        return _joints(torques), hypot(*momentum.linear.tolist())
+        with self._lock:
+            _MOTION.pack_into(self._motion, 0, *q_rad, *qd, *qdd)
+            torques = pin.rnea(self._pin, self._report, self._q, self._qd, self._qdd)
+            momentum = pin.computeCentroidalMomentum(self._pin, self._report)  # for the velocities computed before
+            return _joints(torques), hypot(*momentum.linear.tolist())
 
     def inverse_dynamics_along(self, q_rad: _Vector, qd: _Vector, qdd: _Vector) -> _Vector:
         """`inverse_dynamics` for each row of a motion: all (n, 6)."""
@@ -102,8 +117,9 @@ class Dynamics:
 
         The weight of an upright arm is a negative z.
         """
-        pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd))
-        return _joints(-self._data.liMi[1].act(self._data.f[1]).vector)
+        with self._lock:
+            pin.rnea(self._pin, self._report, _vector(q_rad), _vector(qd), _vector(qdd))
+            return _joints(-self._report.liMi[1].act(self._report.f[1]).vector)
 
     def forward_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], torque_Nm: Sequence[float]) -> Joints:
         """Accelerations under the torques."""
@@ -132,8 +148,9 @@ class Dynamics:
 
     def linear_momentum(self, q_rad: Sequence[float], qd: Sequence[float]) -> float:
         """Magnitude of the linear momentum of arm and payload [kg m/s]."""
-        momentum = pin.computeCentroidalMomentum(self._pin, self._data, _vector(q_rad), _vector(qd))
-        return hypot(*momentum.linear.tolist())
+        with self._lock:
+            momentum = pin.computeCentroidalMomentum(self._pin, self._report, _vector(q_rad), _vector(qd))
+            return hypot(*momentum.linear.tolist())
 
     def jacobian_time_derivative(
         self, q_rad: Sequence[float], qd: Sequence[float], tcp_offset: Sequence[float] | None = None

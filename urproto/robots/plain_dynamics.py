@@ -7,6 +7,7 @@ matrix takes six passes, one for each unit acceleration. Frames and arguments ar
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from math import cos, hypot, sin
 from typing import Final, NamedTuple
@@ -86,6 +87,12 @@ class PlainDynamics:
         self._wrist_3 = self._links[5]
         self._gravity: Vector3 = UPRIGHT_GRAVITY
         self._rotors: Joints = ZERO6
+
+    def copy(self) -> "PlainDynamics":
+        """The same arm with the same load, which can be given another one."""
+        other = copy(self)
+        other._links = list(self._links)
+        return other
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = ZERO6) -> None:
         """Replace the payload.
