@@ -84,7 +84,7 @@ class Emulator:
         self._rtde_scheduler = SendScheduler(self.controller.period_s)  # control loops don't wait for viewers
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None
-        self._scripts = ScriptPort(lambda: self.controller.snapshot.timestamp)
+        self._scripts = ScriptPort(lambda: self.controller.time_s)
         self._scripts.read_budget = self.read_budget
         ports = ChainMap[str, Port]({self._scripts.name: self._scripts}, self.servers)
         self.faults = FaultInjector(self.controller, ports, real, self)

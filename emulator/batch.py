@@ -120,7 +120,8 @@ class Batch:
         while self._stimuli and self._stimuli[0].at_s <= self.time_s:
             self._stimuli.popleft().apply(self._controller)
         self._submit()
-        for message in self._controller.tick().messages:
+        self._controller.tick()
+        for message in self._controller.new_messages:
             self._reporters.get(message.__class__, lambda _: None)(message)
         self._observe()
         self._judge()

@@ -2,17 +2,18 @@
 
     controller = Controller(ControllerConfig(model=load_model("ur3")))
     controller.post(DashboardLine("power on"), reply=print)
-    snapshot = controller.tick()
+    controller.tick()
+    controller.snapshot.actual_q
 
 A tick processes the commands posted since the last one, runs every script thread for one frame,
-advances the motion by one period, moves the arm, checks it, and publishes one snapshot.
+advances the motion by one period, moves the arm, and checks it. Its snapshot is published at
+once if somebody subscribes to snapshots, and otherwise when somebody asks for it.
 There is no clock: time is the number of ticks.
 
 A tick never raises: exceptions of its stages are handled by the guard (`emulator.guard`).
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from itertools import chain
+from collections.abc import Callable
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
@@ -48,6 +49,8 @@ from emulator.workshare import WorkShare
 from emulator.world.world import Wiring, World
 from urproto.facts import Personality, Situation, find, known
 from urproto.modes import AnalogDomain, ReportLevel, RobotStatusBits, RuntimeState
+from urproto.primary.messages import RobotMessage
+from urproto.primary.program_state import VariableMessage
 from urproto.robots.measured import supply_of
 from urproto.robots.pose import Pose
 from urproto.vectors import ZERO6, Vector6
@@ -64,17 +67,13 @@ _CHECKED: Final = {
     "joint speeds": "qd",
     "joint accelerations": "qdd",
     "TCP force": "tcp_force",
-}
-"""Values of the arm that are checked for plausibility in each period, and their attributes."""
-_ALSO_CHECKED: Final = {
     "joint torques": "efforts.actual_torque",
     "TCP pose": "tcp_pose",
     "TCP speed": "tcp_speed",
     "force sensor": "state.sensors.raw_wrench",
 }
-"""Values that are implausible only with a load or TCP beyond all reason, or an implausible motion."""
+"""Values of the arm that are checked for plausibility, and their attributes."""
 _vectors_of = attrgetter(*_CHECKED.values())
-_derived_vectors_of = attrgetter(*_ALSO_CHECKED.values())
 
 
 class Controller(Machine):
@@ -149,7 +148,10 @@ class Controller(Machine):
         self._own_sensor = self.model.series is Series.E
         self._power_seen = PowerState.OFF
         self._publishing = False  # True at the beginning of a period: publishing the last one failed
-        self._arm_changed = False
+        self._unpublished = True  # the last period has no snapshot yet
+        self._instead: Snapshot | None = None  # shown until the next period
+        self._messages: tuple[RobotMessage | VariableMessage, ...] = ()  # of the last period
+        self._arm_changed = self._simulated = False
         self._fault: MotionFault | None = None
         self._stages: tuple[tuple[str, Callable[[], None]], ...] = (
             ("letting faults act", self._call_hooks),
@@ -161,9 +163,9 @@ class Controller(Machine):
             ("advancing the tool", self._advance_tool),
             ("judging safety", self._check_safety),
         )
-        self.snapshot = self._unaltered = Snapshot(target_execution_time=1000.0 * self.period_s)
+        self._snapshot = self._unaltered = Snapshot(target_execution_time=1000.0 * self.period_s)
         self._move_arm()
-        self._publish()
+        self.published()
 
     @property
     def _situation_of_arm(self) -> Situation:
@@ -207,29 +209,56 @@ class Controller(Machine):
         self._subscribers.append(callback)
         return lambda: self._subscribers.remove(callback)
 
-    def tick(self) -> Snapshot:
-        """Advance one control period; returns its snapshot. Raises nothing."""
+    @property
+    def snapshot(self) -> Snapshot:
+        """The state at the end of the last period, or what `publish_instead` shows."""
+        return self._instead or self.published()
+
+    def published(self) -> Snapshot:
+        """The state at the end of the last period, which is written now if nobody has asked for it before."""
+        if self._unpublished:
+            self._unpublished = False
+            try:
+                self._publish()
+            except Exception as error:
+                self.guard.caught(PUBLISHING, error)
+                self._publish_minimum()
+        return self._snapshot
+
+    def publish_instead(self, snapshot: Snapshot) -> None:
+        """Show another snapshot until the next period."""
+        self._instead = snapshot
+
+    @property
+    def new_messages(self) -> "tuple[RobotMessage | VariableMessage, ...]":
+        """Messages of the last period, as in its snapshot."""
+        return self._messages
+
+    def tick(self) -> None:
+        """Advance one control period; ``snapshot`` is the result. Raises nothing."""
         if (recorder := self.recorder) is not None:
             recorder.begin()
+        if self._unpublished and (self._mailbox or self.on_tick or self.programs.may_read_state):
+            self.published()  # before what this period changes
+        self._instead = None
         self.step_count += 1
         for name, stage in self._stages:
             try:
                 stage()
             except Exception as error:
                 self.guard.caught(name, error)
-        try:
-            self._publish()
-        except Exception as error:
-            self.guard.caught(PUBLISHING, error)
-            self._publish_minimum()
+        self._messages, self._unpublished = self.messages.take(), True
+        if self._subscribers or self.snapshot_hooks:
+            self._tell_subscribers(self.published())
+        if recorder is not None:
+            recorder.end(self)
+
+    def _tell_subscribers(self, snapshot: Snapshot) -> None:
         for callback in tuple(self._subscribers):
             try:
-                callback(self.snapshot)
+                callback(snapshot)
             except Exception as error:
                 self.guard.listener_failed(callback, error)
-        if recorder is not None:
-            recorder.end(self.snapshot)
-        return self.snapshot
 
     # interface for programs, commands and faults
 
@@ -384,7 +413,8 @@ class Controller(Machine):
         self._arm_changed = self.arm.update(
             targets, self.installation, wrench, self.period_s, driven=driven, torque=motion.torque
         )
-        self._arm_changed |= self.simulation.on is not self.snapshot.simulation
+        self._arm_changed |= self.simulation.on is not self._simulated
+        self._simulated = self.simulation.on
         if self._arm_changed:
             self._check_arm()
         if not driven and self.arm.standing:
@@ -405,17 +435,11 @@ class Controller(Machine):
     def _check_arm(self) -> None:
         """Raise ArithmeticError on implausible values, which must neither be published nor reach the next period."""
         arm = self.arm
-        self._check_values(_CHECKED, _vectors_of(arm))
-        if not arm.ordinary:
-            self._check_values(_ALSO_CHECKED, _derived_vectors_of(arm))
+        if not (arm.ordinary and plausible(*arm.target_q, *arm.q, *arm.qd, *arm.qdd, *arm.tcp_force)):
+            for name, values in zip(_CHECKED, _vectors_of(arm), strict=True):
+                if not plausible(*values):
+                    raise ArithmeticError(f"the {name} exceeded all bounds: {values}")
         self.last_good_q = arm.q
-
-    @staticmethod
-    def _check_values(names: Iterable[str], vectors: Iterable[Sequence[float]]) -> None:
-        if plausible(*chain.from_iterable(vectors)):
-            return
-        name, values = next(pair for pair in zip(names, vectors, strict=True) if not plausible(*pair[1]))
-        raise ArithmeticError(f"the {name} exceeded all bounds: {values}")
 
     def _advance_tool(self) -> None:
         """Advance gripper and tool line, which have power only while the arm has."""
@@ -438,7 +462,7 @@ class Controller(Machine):
 
     def _publish_minimum(self) -> None:
         """Publish the last snapshot with new time, modes and messages, which must be available whatever else fails."""
-        snapshot = self.snapshot.successor()
+        snapshot = self._snapshot.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
         self.power.publish(snapshot)
         snapshot.safety_mode, snapshot.safety_status = self.safety.mode, self.safety.status
@@ -446,8 +470,8 @@ class Controller(Machine):
         snapshot.runtime_state = self.programs.state
         snapshot.program_running = snapshot.program_paused = False
         snapshot.robot_status_bits = 0
-        snapshot.messages = self.messages.take()
-        self.snapshot = snapshot
+        snapshot.messages = self._messages
+        self._snapshot = snapshot
 
     def _publish(self) -> None:
         failed, self._publishing = self._publishing, True
@@ -456,7 +480,7 @@ class Controller(Machine):
                 part.mark()
         snapshot = self._unaltered.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
-        if self._arm_changed or failed:  # at rest, the values are already in the copy
+        if self.arm.state is not snapshot.arm or failed:  # at rest, the values are already in the copy
             self.arm.publish(snapshot)
         powered = self.power.report.powered
         self.electrics.publish(snapshot, powered=powered)
@@ -481,5 +505,5 @@ class Controller(Machine):
             snapshot = snapshot.successor()
             for hook in self.snapshot_hooks:
                 hook(snapshot)
-        snapshot.messages = self.messages.take()
-        self.snapshot, self._publishing = snapshot, False
+        snapshot.messages = self._messages
+        self._snapshot, self._publishing = snapshot, False

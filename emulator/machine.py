@@ -21,6 +21,7 @@ from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.arm import Arm
 from emulator.robot.chance import Chances
+from emulator.robot.electrics import Electrics
 from emulator.robot.installation import Installation
 from emulator.robot.simulation import Simulation
 from emulator.robot.worldmodel import WorldModel
@@ -118,8 +119,8 @@ class InputRecorder(Protocol):
     def begin(self) -> None:
         """A control period begins."""
 
-    def end(self, snapshot: Snapshot) -> None:
-        """A control period is over."""
+    def end(self, controller: Any) -> None:
+        """A control period of this controller is over."""
 
     def wrap_backends(self, controller: Any) -> None:
         """Its programs have other connections from now on."""
@@ -171,8 +172,6 @@ class Machine(ABC):
     """Control period [s]."""
     step_count: int
     """Control periods since the controller was switched on."""
-    snapshot: Snapshot
-    """The snapshot published last."""
     work: WorkShare
     """The budget for work that others cause."""
     recorder: "InputRecorder | None"
@@ -188,6 +187,7 @@ class Machine(ABC):
     arm: Arm
     """The arm that programs move: in simulation, not the real one."""
     simulation: Simulation
+    electrics: Electrics
     motion: Motion
     chances: Chances
     programs: ProgramControl
@@ -218,6 +218,11 @@ class Machine(ABC):
     """Joint angles in the last period with a plausible state [rad]."""
     reports_dir: Path | None
     """Folder for reports without a programs directory; created when needed."""
+
+    @property
+    @abstractmethod
+    def snapshot(self) -> Snapshot:
+        """The state at the end of the last period."""
 
     @property
     @abstractmethod

@@ -269,7 +269,7 @@ async def _drive(
     after_tick: Callable[[], Any],
 ) -> None:
     """Run control periods until the run is over. Raises what a period raises."""
-    sockets = NetworkSockets(network, controller.messages.note, port=ScriptPort(lambda: controller.snapshot.timestamp))
+    sockets = NetworkSockets(network, controller.messages.note, port=ScriptPort(lambda: controller.time_s))
     peers.attach(controller, sockets)
     if controller.recorder is not None:
         controller.recorder.wrap_backends(controller)

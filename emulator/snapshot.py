@@ -67,7 +67,7 @@ def _number(path: str) -> float:
     return _OfArm(path, 0.0)  # type: ignore[return-value]
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class Snapshot:
     """One control period as seen from outside. Never changed after it has been published.
 
@@ -207,6 +207,11 @@ class Snapshot:
     def values(self) -> dict[str, Any]:
         """All values by name."""
         return {name: getattr(self, name) for name in NAMES}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Snapshot) and self.values() == other.values()
+
+    __hash__ = None  # type: ignore[assignment]  # as of any other container
 
 
 NAMES: Final = (

@@ -43,7 +43,8 @@ def run(script: str, seconds: float, controller: Controller | None = None) -> Pe
         controller.tick()
     began, periods = controller.time_s, [controller.snapshot]
     while controller.time_s - began < seconds:
-        periods.append(controller.tick())
+        controller.tick()
+        periods.append(controller.snapshot)
     return periods
 
 

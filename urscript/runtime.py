@@ -129,10 +129,29 @@ class _Killed(BaseException):
     """The running thread killed itself or one of its ancestors."""
 
 
+class Awaited(Protocol):
+    """What a thread waits for."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the thread continues."""
+
+
 class ScriptThread:
     """One thread of a running program; handle 0 is the program body."""
 
-    __slots__ = ("balance", "body", "critical", "id", "interpreted", "label", "name", "parent", "parked_frames")
+    __slots__ = (
+        "awaited",
+        "balance",
+        "body",
+        "critical",
+        "id",
+        "interpreted",
+        "label",
+        "name",
+        "parent",
+        "parked_frames",
+    )
 
     def __init__(self, handle: int, name: str, parent: int | None, body: ThreadBody) -> None:
         self.id = handle
@@ -142,6 +161,7 @@ class ScriptThread:
         self.critical = 0  # nested critical sections it is in
         self.balance = 0  # overdrawn budget, never positive
         self.parked_frames = 0  # consecutive frames that ended because the budget was empty
+        self.awaited: Awaited | None = None  # until that is over, the thread has nothing to do
         self.label: tuple[int, str] | None = None  # number and text of the program label reached last
         self.interpreted = False  # started by an interpreted statement, or by a thread that was
 
@@ -208,6 +228,7 @@ class Runtime:
         self._holder: ScriptThread | None = None  # parked inside a critical section
         self._next_handle = 0
         self._in_statement = False
+        self._line: int | None = None  # while no thread runs
         self._cells = {f"v_{name}": CellType() for name in program.global_names}
         self._namespace = self._make_namespace()
         self._add(program.code)
@@ -245,6 +266,11 @@ class Runtime:
     @property
     def line(self) -> int:
         """Line of the thread that owns the motion, else of the program body; 0 when finished."""
+        if self._line is None:
+            self._line = self._current_line()
+        return self._line
+
+    def _current_line(self) -> int:
         owner = self.motion_thread
         if owner is None or owner.id not in self._threads:
             owner = self._threads.get(0)
@@ -256,13 +282,20 @@ class Runtime:
             return
         self.parked = None
         budget = self._budget
-        self._waiting = deque(self._threads.values())
-        if len(self._waiting) > 1:
-            order = sorted(self._waiting, key=lambda thread: (thread is not self._holder, thread.id == 0))
-            self._waiting = deque(order)
-        while self._waiting:
-            thread = self._waiting.popleft()
-            share = max(budget // (len(self._waiting) + 1), MIN_SHARE)
+        self._waiting = waiting = deque(self._threads.values())
+        if len(waiting) > 1:
+            order = sorted(waiting, key=lambda thread: (thread is not self._holder, thread.id == 0))
+            self._waiting = waiting = deque(order)
+        while waiting:
+            thread = waiting.popleft()
+            if (awaited := thread.awaited) is not None:
+                if not awaited.over:
+                    thread.balance = thread.parked_frames = 0
+                    if self._holder is thread:
+                        self._holder = None
+                    continue
+                thread.awaited = None
+            share = max(budget // (len(waiting) + 1), MIN_SHARE)
             budget -= share - self._resume(thread, share)
             if self.finished:
                 return
@@ -327,6 +360,7 @@ class Runtime:
 
     def _resume(self, thread: ScriptThread, share: int) -> int:
         """Run a thread until it yields; returns the unused part of its share."""
+        self._line = None
         METER.left = share + thread.balance
         if METER.left > 0:
             self.current = thread
@@ -365,6 +399,7 @@ class Runtime:
             self._finish()
 
     def _remove(self, thread: ScriptThread) -> None:
+        self._line = None
         self._threads.pop(thread.id, None)
         if self._holder is thread:
             self._holder = None

@@ -2,8 +2,8 @@
 
 import logging
 import math
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager
 from random import Random
 from typing import Final, Protocol, TypeAlias, TypeVar
 
@@ -97,6 +97,31 @@ class ProgramServices(Protocol):
         """Nodes at which the main program is paused."""
 
 
+class _MotionControl:
+    """Ownership of the arm by a thread of a program; see `ProgramHost.motion_control`."""
+
+    def __init__(self, host: "ProgramHost") -> None:
+        self._host = host
+
+    def __enter__(self) -> MotionCommands:
+        host = self._host
+        if host.secondary:
+            raise RuntimeFault(
+                "Runtime is too much behind: a secondary program cannot control the robot, move in a main program"
+            )
+        runtime = host.runtime
+        if runtime.motion_thread is not None and runtime.motion_thread is not runtime.current:
+            raise RuntimeFault("Another thread is already controlling the robot")
+        lost = host.motion.superposition.lost
+        if lost is not None:
+            raise RuntimeFault(f"the path offset, conveyor or frame tracking ended: {lost}")
+        runtime.motion_thread = runtime.current
+        return host.motion.commands
+
+    def __exit__(self, *_: object) -> None:
+        self._host.runtime.motion_thread = None
+
+
 class ProgramHost:
     """One running program, as its built-ins see it.
 
@@ -116,6 +141,7 @@ class ProgramHost:
         self.connecting = False
         self.dialogues: list[Popup] = []
         self.label = ""  # the program label reached last
+        self._motion_control = _MotionControl(self)
         self._runtime: Runtime | None = None
         self._noted: set[str] = set()
         self._rushing: tuple[ScriptThread | None, int] = (None, 0)  # who last commanded the arm for no time, and when
@@ -186,28 +212,13 @@ class ProgramHost:
         interval = 1.0 / (min_frequency_hz * self.period_s) if min_frequency_hz else math.inf
         self.programs.watchdogs.set(Watchdog(variable, interval, action, self.machine.step_count))
 
-    @contextmanager
-    def motion_control(self) -> Iterator[MotionCommands]:
+    def motion_control(self) -> AbstractContextManager[MotionCommands]:
         """Own the arm inside the context, which is left even if the thread is killed, so nothing stays locked.
 
         Raises RuntimeFault if another thread owns the arm, if the program is secondary, or if a fault has ended a
         path offset or tracking: movements that rely on it would lead elsewhere.
         """
-        if self.secondary:
-            raise RuntimeFault(
-                "Runtime is too much behind: a secondary program cannot control the robot, move in a main program"
-            )
-        runtime = self.runtime
-        if runtime.motion_thread not in (None, runtime.current):
-            raise RuntimeFault("Another thread is already controlling the robot")
-        lost = self.motion.superposition.lost
-        if lost is not None:
-            raise RuntimeFault(f"the path offset, conveyor or frame tracking ended: {lost}")
-        runtime.motion_thread = runtime.current
-        try:
-            yield self.motion.commands
-        finally:
-            runtime.motion_thread = None
+        return self._motion_control
 
     def until_ready(self, move: Move) -> Frames[None]:
         """Wait until the program may continue after a movement, for at least one frame unless it is timeless.
@@ -219,9 +230,10 @@ class ProgramHost:
             charge(_TIMELESS_WORK)
             self._rushing = (self.runtime.current, self.machine.step_count)
         else:
+            thread = self.runtime.current
+            assert thread is not None
+            thread.awaited = move
             yield
-            while not (move.ready or move.failed):
-                yield
         if move.failed is not None:
             raise RuntimeFault(f"the movement failed: {move.failed}")
 

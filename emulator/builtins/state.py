@@ -158,25 +158,25 @@ def get_joint_temp(host: ProgramHost, j: Int) -> float:
     """Temperature of joint `j` (0 to 5) [degC]."""
     if not 0 <= j <= 5:
         raise RuntimeFault(f"get_joint_temp: there is no joint {j}: they are 0 to 5")
-    return host.machine.snapshot.joint_temperatures[j]
+    return host.machine.electrics.thermals.joints[j]
 
 
 @LIBRARY.builtin()
 def get_controller_temp(host: ProgramHost) -> float:
     """Temperature of the control box [degC], as in the masterboard data of the primary interface."""
-    return host.machine.snapshot.board_temperature
+    return host.machine.electrics.thermals.box
 
 
 @LIBRARY.builtin(cb3=None, e="5.0")
 def get_tool_temp(host: ProgramHost) -> float:
     """Temperature of the tool flange [degC]."""
-    return host.machine.snapshot.tool_temperature
+    return host.machine.electrics.thermals.tool
 
 
 @LIBRARY.builtin()
-def get_tool_current(host: ProgramHost) -> float:
-    """Current of the tool supply [A]."""
-    return host.machine.snapshot.tool_output_current
+def get_tool_current(_: ProgramHost) -> float:
+    """Current of the tool supply [A]; 0, since tools take none."""
+    return 0.0
 
 
 @LIBRARY.builtin()

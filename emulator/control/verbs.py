@@ -66,7 +66,8 @@ class Verbs:
 
     @property
     def controller(self) -> "Controller":
-        """The robot's controller."""
+        """The robot's controller, whose snapshot is that of the last period, whatever the verb changes."""
+        self._robot.controller.published()
         return self._robot.controller
 
     def _wait(self, steps: "Waiting[_T]") -> _T:

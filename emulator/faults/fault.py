@@ -43,7 +43,7 @@ def publish_no_controller(controller: Controller) -> None:
     snapshot.runtime_state = RuntimeState.STOPPED
     snapshot.program_running = snapshot.program_paused = False
     snapshot.messages = ()
-    controller.snapshot = snapshot
+    controller.publish_instead(snapshot)
 
 
 def rebooted(before: Controller, boot_s: float, outage_s: float) -> Controller:

@@ -87,7 +87,7 @@ class Recorder:
         self._late: list[Record] = []  # of commands posted during a period, which apply to the next one
         self._sums = Checksums()
         self._checksums = array("L")
-        self._last: Snapshot | None = None  # of the last period
+        self._ticked: Controller | None = None  # whose last period belongs to the journal
         self._second = 0
         self._waiting = 0  # verbs that are not over
         self._controller: Controller | None = None
@@ -112,7 +112,7 @@ class Recorder:
         """Continue with the controller after a restart."""
         self._write("reboot", boot_s, periods_off)
         self.periods += periods_off
-        self._last = None
+        self._ticked = None
         self._restarted = True
         self.attach(controller)
 
@@ -132,7 +132,7 @@ class Recorder:
         """The run so far, if it is kept in memory; empty if not, or if it is too long."""
         if self._memory is None:
             return b""
-        self._end_second(None if self._ticking else self._last)
+        self._end_second(None if self._ticking else self._last())
         if self._ticking:  # it failed: the replay is to get as far
             self._writer.add([self.periods + 1, "failed"])
         self._attempt(self._writer.drain)
@@ -141,7 +141,7 @@ class Recorder:
     def save(self, write: Callable[[bytes], None]) -> None:
         """Have the run so far written, if it is kept in memory: where the journal is written, after the last period."""
         if (memory := self._memory) is not None and not self._broken:
-            self._end_second(self._last)
+            self._end_second(self._last())
             self._writer.afterwards(lambda: write(memory.content))
 
     def close(self) -> None:
@@ -234,9 +234,9 @@ class Recorder:
         self._look_outside()
         self._ticking = True
 
-    def end(self, snapshot: Snapshot) -> None:
-        """A control period is over."""
-        self._ticking, self._last = False, snapshot
+    def end(self, controller: Controller) -> None:
+        """A control period of this controller is over."""
+        self._ticking, self._ticked = False, controller
         self.periods += 1
         if self._sockets is not None:
             self._sockets.rest()
@@ -244,9 +244,9 @@ class Recorder:
             self._add(record)
         self._late.clear()
         if self._checked:
-            self._checksums.append(self._sums.of(snapshot))
+            self._checksums.append(self._sums.of(controller.published()))
         if self.periods % self._second == 0:
-            self._end_second(snapshot if self._checked else None)
+            self._end_second(controller.published() if self._checked else None)
             if self._ring is not None and self._ring.due(self.periods / self._second):
                 self._begin_anew(self._ring)
 
@@ -270,9 +270,13 @@ class Recorder:
             "rtde": encode([controller.rtde_inputs, controller.rtde_refreshed], self._numbers),
             "state": state,
         }
-        self._broken, self._last = False, None
+        self._broken, self._ticked = False, None
         self._writer.recover()
         self._writer.afterwards(ring.proposal({**self._header, "begin": begin}, self.periods / self._second))
+
+    def _last(self) -> Snapshot | None:
+        """The state after the last period."""
+        return None if self._ticked is None else self._ticked.published()
 
     def _look_outside(self) -> None:
         if self._sockets is not None:

@@ -29,7 +29,7 @@ class StopJournals:
 
     def look(self, controller: Controller, recorder: Recorder) -> None:
         """After each control period."""
-        mode = controller.snapshot.safety_mode
+        mode = controller.safety.mode
         if mode is self._mode and self._stop is None:
             return
         time_s = recorder.periods * controller.period_s

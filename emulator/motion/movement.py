@@ -27,6 +27,11 @@ class Move:
     failed: MotionFault | None = None
     timeless: bool = False  # a speed or target for no time: the program continues in the same control period
 
+    @property
+    def over(self) -> bool:
+        """Whether its program continues."""
+        return self.ready or self.failed is not None
+
 
 class Holding(Enum):
     """What happens to the movement in progress."""

@@ -104,15 +104,17 @@ class Pacer:
             h = max(self._ramped(h / period / too_fast, ramp), 2.0 * _TOLERANCE) * period
             target = movement.propose(h, q)
             step = sub(target, q)
-        if not self._within_limits(step, qd):
+        longest = largest(step)
+        if not self._within_limits(step, qd, longest):
             h, target = self._fit_step(movement, (h, most), target, q, qd)
             step = sub(target, q)
+            longest = largest(step)
             if not self._tolerable(step, qd):
                 raise self._fault()
         if h < most:
             self.share = h / (max(requested, goal) * period)
         self._check_progress(h, most)
-        self._update_pace(h, largest(step), period)
+        self._update_pace(h, longest, period)
         if self._lookahead is not None:
             self._lookahead.advance(h)
         return target
@@ -127,10 +129,10 @@ class Pacer:
             self._lookahead = Lookahead(movement, q, self._model)
         return min(h, max(_CREEP, self._lookahead.fraction(h)) * self._period)
 
-    def _within_limits(self, step: Joints, qd: Joints) -> bool:
-        """Whether every joint can follow."""
+    def _within_limits(self, step: Joints, qd: Joints, longest: float) -> bool:
+        """Whether every joint can follow this step, the longest of which is that of the leading joint."""
         dt = self._period
-        if largest(step) <= self._least_reach and largest(lerp(step, qd, -dt)) <= self._least_change:
+        if longest <= self._least_reach and largest(lerp(step, qd, -dt)) <= self._least_change:
             return True
         for move, speed, most, change in zip(step, qd, self._reach, self._change, strict=True):
             if not (-most <= move <= most and -change <= move - speed * dt <= change):
@@ -161,7 +163,8 @@ class Pacer:
                 return h, target  # every joint is slow enough for this h
             h = better
             target = movement.propose(h, q)
-            if self._within_limits(sub(target, q), qd):
+            step = sub(target, q)
+            if self._within_limits(step, qd, largest(step)):
                 return h, target
         return self._limit_speed(movement, h, target, q)
 

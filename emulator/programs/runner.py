@@ -47,6 +47,7 @@ _SOCKET_GAP_S: Final = 0.012  # from closing sockets to the next program; the of
 # Duration of RESUMING. The durations of controllers are not public; drivers that react to the state receive it at
 # least ten times a second, and must see it (guess).
 _RESUMING_S: Final = 0.1
+_READS_STATE: Final = "get_rtde_value"  # the only built-in that does
 _PAUSED: Final = (RuntimeState.PAUSING, RuntimeState.PAUSED)
 _RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
 _FLAGS: Final = 32  # Script Manual, set_flag
@@ -94,6 +95,7 @@ class Programs:
         self._host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
         self._next: CompiledProgram | None = None
+        self._reads_state = False
         self._secondary = SecondaryPrograms(machine, self)
         self._not_before = 0  # step from which the next program may start
         self._resumed = 0  # step from which a program that is RESUMING plays
@@ -294,6 +296,18 @@ class Programs:
             self._run_main()
 
     @property
+    def may_read_state(self) -> bool:
+        """Whether a program may read the state as published in the next period."""
+        return bool(
+            self._reads_state
+            or self._next is not None
+            or self._secondary
+            or self._player.waiting
+            or self._compiling.waiting
+            or self.interpreter.active
+        )
+
+    @property
     def paused(self) -> bool:
         """Whether the main program is paused or being paused."""
         return self.state in _PAUSED
@@ -343,6 +357,7 @@ class Programs:
             # A vendor's engineer, of programs that the pendant plays (ROS driver, issues 512 and 643). Their preamble
             # sets the payload, which zeroes the sensor; a script that a client sends has no preamble (guess).
             self._machine.arm.zero_force()
+        self._reads_state = _READS_STATE in program.builtins
         self._host = ProgramHost(self._machine, self, name=program.name)
         self._main = Runtime(program, self._host)
         self._host.attach(self._main)

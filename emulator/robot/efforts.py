@@ -47,7 +47,7 @@ class IdealEfforts(_Supported):
     def __init__(
         self, dynamics: "Dynamics", motion: JointMotion, series: Series, torque_constants: Vector6, load: Vector6
     ) -> None:
-        super().__init__(dynamics, motion)
+        self._dynamics, self._motion = dynamics, motion
         self._series, self._torque_constants, self._load = series, torque_constants, load
 
     @on_demand

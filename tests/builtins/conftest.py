@@ -59,7 +59,8 @@ class Rig:
 
     def tick(self, count: int = 1) -> None:
         for _ in range(count):
-            self.messages += self.controller.tick().messages
+            self.controller.tick()
+            self.messages += self.controller.new_messages
 
     def seconds(self, duration: float) -> None:
         self.tick(round(duration / self.period))

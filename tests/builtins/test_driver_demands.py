@@ -10,6 +10,7 @@ import pytest
 from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
+from tests.ticking import ticked
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RobotMessage, SafetyModeMessage
 from urproto.robots import load_model
@@ -200,7 +201,7 @@ def test_a_move_time_that_is_too_short_is_stretched(rig, move):
 @pytest.mark.parametrize("command", [DashboardLine("brake release"), ScriptUnit("set robotmode run\n", "line")])
 def test_one_command_brings_a_cold_arm_to_run(model, command):
     controller = Controller(ControllerConfig(model=load_model(model)))
-    assert controller.tick().robot_mode is RobotMode.POWER_OFF
+    assert ticked(controller).robot_mode is RobotMode.POWER_OFF
     controller.post(command)
     assert _first(controller, RobotMode.RUNNING, within_s=30.0)
 
@@ -213,14 +214,14 @@ def test_power_on_takes_at_most_five_seconds(model):
 
 
 def _first(controller: Controller, mode: RobotMode, within_s: float) -> bool:
-    return any(controller.tick().robot_mode is mode for _ in range(round(within_s / controller.period_s)))
+    return any(ticked(controller).robot_mode is mode for _ in range(round(within_s / controller.period_s)))
 
 
 @SERIES
 def test_rtde_clients_need_not_wait_for_the_uptime(model):
     """Clients read for up to 2 s while the timestamp is below 40 s."""
     controller = Controller(ControllerConfig(model=load_model(model)))
-    assert controller.tick().timestamp > 40.0
+    assert ticked(controller).timestamp > 40.0
 
 
 def test_commands_are_accepted_in_local_control():
@@ -232,7 +233,7 @@ def test_commands_are_accepted_in_local_control():
     assert _first(controller, RobotMode.RUNNING, within_s=30.0)
     controller.post(ScriptUnit("def remote():\n  sleep(0.1)\nend\n", "block"))
     for _ in range(10):
-        snapshot = controller.tick()
+        snapshot = ticked(controller)
     assert snapshot.runtime_state is RuntimeState.PLAYING
 
 

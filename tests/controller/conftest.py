@@ -33,7 +33,8 @@ class Rig:
 
     def tick(self, count: int = 1) -> Snapshot:
         for _ in range(count):
-            self.messages += self.controller.tick().messages
+            self.controller.tick()
+            self.messages += self.controller.new_messages
         return self.controller.snapshot
 
     def seconds(self, seconds: float) -> Snapshot:

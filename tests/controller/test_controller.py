@@ -8,6 +8,7 @@ from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
 from emulator.mailbox import Command
+from tests.ticking import ticked
 from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RobotStatusBits, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage
 from urproto.robots import START_Q, load_model
@@ -27,7 +28,7 @@ def test_a_new_controller_needs_only_a_model():
     controller = Controller(ControllerConfig(model=load_model("ur3")))
     assert controller.snapshot.robot_mode is RobotMode.POWER_OFF
     assert controller.snapshot.actual_q == START_Q
-    assert controller.tick() is controller.snapshot
+    assert ticked(controller) is controller.snapshot
 
 
 @pytest.mark.parametrize(("model", "period_s"), [("ur3", 0.008), ("ur5e", 0.002)])
@@ -170,7 +171,7 @@ def test_default_timings_are_those_of_a_simulator(make):
     controller.post(DashboardLine("power on"))
     times = {}
     for _ in range(2000):
-        snapshot = controller.tick()
+        snapshot = ticked(controller)
         times.setdefault(snapshot.robot_mode, snapshot.timestamp)
         if snapshot.robot_mode is RobotMode.IDLE:
             controller.post(DashboardLine("brake release"))

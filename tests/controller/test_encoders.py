@@ -8,6 +8,7 @@ from emulator.config import ConfigError, check_encoder_speeds
 from emulator.controller import Controller
 from emulator.io.encoders import RANGES, DecoderType, Encoder, Encoders
 from emulator.machine import ControllerConfig
+from tests.ticking import ticked
 from urproto.robots import load_model
 
 PERIOD = 0.002
@@ -156,7 +157,7 @@ def test_the_controller_counts_its_digital_inputs_and_publishes_raw_counts():
     controller.encoders.decode(1, DecoderType.QUADRATURE, 10, 11)
     for count in range(500):
         controller.signals.digital_inputs = QUADRATURE[count // 10 % 4] << 8
-        snapshot = controller.tick()
+        snapshot = ticked(controller)
     assert (snapshot.encoder0_raw, snapshot.encoder1_raw) == (49, -50)
 
 

@@ -7,6 +7,7 @@ from emulator.controller import Controller
 from emulator.devices.tool_line import AS_DELIVERED, EchoDevice, SerialSettings, ToolLine
 from emulator.machine import ControllerConfig
 from emulator.servers.primary_state import robot_state
+from tests.ticking import ticked
 from urproto.robots import load_model
 
 PERIOD_S = 0.002
@@ -83,7 +84,7 @@ def run(controller: Controller, body: str) -> None:
 
 def exchange(controller: Controller, data: bytes) -> bytes:
     controller.post(ToolBytes(data))
-    return b"".join(controller.tick().tool_bytes for _ in range(500))
+    return b"".join(ticked(controller).tool_bytes for _ in range(500))
 
 
 def test_a_program_enables_the_line(controller: Controller) -> None:
@@ -110,8 +111,8 @@ def test_excess_data_waits(controller: Controller) -> None:
     done: list[None] = []
     for _ in range(4):
         controller.post(ToolBytes(bytes(4096)), done.append)
-    got = len(controller.tick().tool_bytes)
+    got = len(ticked(controller).tool_bytes)
     assert len(done) < 4
-    got += sum(len(controller.tick().tool_bytes) for _ in range(9000))
+    got += sum(len(ticked(controller).tool_bytes) for _ in range(9000))
     assert len(done) == 4
     assert got == 4 * 4096

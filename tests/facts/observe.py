@@ -14,6 +14,7 @@ from emulator.servers.primary_state import robot_state
 from emulator.servers.rtde_session import RTDEHost, RTDESession
 from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot
+from tests.ticking import ticked
 from urproto.facts import Situation
 from urproto.modes import SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
@@ -59,7 +60,7 @@ def _last_code(controller: Controller) -> str:
     """The last error code, up to a protective stop."""
     label = "none"
     for _ in range(_PATIENCE):
-        snapshot = controller.tick()
+        snapshot = ticked(controller)
         codes = [message.label for message in snapshot.messages if isinstance(message, ErrorCodeMessage)]
         label = codes[-1] if codes else label
         if codes and snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP:
@@ -217,7 +218,7 @@ def _local(situation: Situation) -> str:
 def _list(situation: Situation) -> str:
     controller = _running(situation)
     controller.post(ScriptUnit('def sizes():\n  v = [1, 2]\n  v = [1]\n  textmsg("taken")\nend\n', "block"))
-    texts = [getattr(message, "text", "") for _ in range(100) for message in controller.tick().messages]
+    texts = [getattr(message, "text", "") for _ in range(100) for message in ticked(controller).messages]
     return "taken" if "taken" in texts else "refused"
 
 

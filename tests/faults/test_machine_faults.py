@@ -8,6 +8,7 @@ from emulator.clock import StepClock
 from emulator.config import EmulatorConfig, controller_config
 from emulator.faults.catalogue import parse_fault
 from emulator.readiness import check_ready
+from tests.ticking import ticked
 from urproto.modes import RobotMode
 from urproto.rtde.codec import Package, PackageType, RequestProtocol, SetupOutputs, Start
 
@@ -104,7 +105,7 @@ def test_an_arm_boots_through_its_modes_and_polyscope_confirms_its_safety_setup(
     emulator = Emulator(EmulatorConfig(controller=controller_config("ur5e", personality="arm")), StepClock())
     controller, modes = emulator.controller, list[str]()
     for _ in range(4000):
-        mode = controller.tick().robot_mode.name
+        mode = ticked(controller).robot_mode.name
         if mode not in modes[-1:]:
             modes.append(mode)
     assert modes == ["DISCONNECTED", "BOOTING", "CONFIRM_SAFETY", "POWER_OFF"]

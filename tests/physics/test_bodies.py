@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.ticking import ticked
+
 TABLE = "table: {box: [1.6, 1.6, 0.1], pose: [0, 0, -0.05], friction: 0.6}"
 PART = "part: {box: [0.04, 0.04, 0.04], pose: [-0.5, 0, 0.0201], mass: 0.2, friction: 0.8}"
 G = 9.82  # m/s2, as the controller has it
@@ -159,7 +161,7 @@ def test_diverging_physics_stops_the_robot_with_a_message(cell, value, monkeypat
     here.controller.registers.output.set_bit(3, True)
     here.world.data.qvel[here.world.model.joint("part").dofadr[0]] = value
     for _ in range(20):
-        texts += [getattr(message, "text", "") for message in here.controller.tick().messages]
+        texts += [getattr(message, "text", "") for message in ticked(here.controller).messages]
     assert here.controller.safety.mode.name == "PROTECTIVE_STOP"
     assert any("the physics of cell.yaml became unstable" in text for text in texts)
     assert here.controller.registers.output.get_bit(3)

@@ -126,7 +126,8 @@ class Arm:
         return self.controller.snapshot.actual_q
 
     def tick(self) -> None:
-        self.messages += self.controller.tick().messages
+        self.controller.tick()
+        self.messages += self.controller.new_messages
 
     def seconds(self, duration: float) -> None:
         for _ in range(round(duration / self.controller.period_s)):

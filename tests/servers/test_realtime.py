@@ -67,7 +67,9 @@ Controller(ControllerConfig(model=load_model("ur3")))
 before = of_files()
 claim_real_time(RealTime.OFF)
 after = of_files()
-q = Controller(ControllerConfig(model=load_model("ur3"), running=True)).tick().actual_q
+controller = Controller(ControllerConfig(model=load_model("ur3"), running=True))
+controller.tick()
+q = controller.snapshot.actual_q
 print(before, after, of_files(), len(q))
 """
     printed = subprocess.run(

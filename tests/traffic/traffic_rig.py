@@ -8,6 +8,7 @@ from client.traffic.recording import Recorded, TrafficRecorder, TrafficRecording
 from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
+from tests.ticking import ticked
 from urproto.robots import load_model
 from urproto.rtde import codec
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -59,7 +60,7 @@ def recorded_robot(
             dashboard.data(True, b"running\n")
             dashboard.data(False, b"Program running: false\n")
         clock.ns += period_ns
-        client.data(False, pack(controller.tick()))
+        client.data(False, pack(ticked(controller)))
     recorder.close()
     return TrafficRecording.read(path)
 
