@@ -47,10 +47,13 @@ class Checksums:
         self._seen: tuple[Any, ...] = ()
         self._sum = 0
 
-    def of(self, snapshot: Snapshot) -> int:
-        """The checksum of one period; a period in which nothing changed costs little."""
-        modes = snapshot.robot_mode, snapshot.safety_mode, snapshot.runtime_state
-        values = snapshot.target_q, snapshot.target_qd, snapshot.actual_q, modes
+    def of(self, controller: Controller) -> int:
+        """The checksum of its last period; a period in which nothing changed costs little."""
+        arm, modes = (
+            controller.arm,
+            (controller.power.report.robot_mode, controller.safety.mode, controller.programs.state),
+        )
+        values = arm.target_q, arm.target_qd, arm.measured_q, modes
         if values != self._seen:
             self._seen = values
             self._sum = zlib.crc32(_STATE.pack(*values[0], *values[1], *values[2], *map(int, modes)))
@@ -244,7 +247,7 @@ class Recorder:
             self._add(record)
         self._late.clear()
         if self._checked:
-            self._checksums.append(self._sums.of(controller.published()))
+            self._checksums.append(self._sums.of(controller))
         if self.periods % self._second == 0:
             self._end_second(controller.published() if self._checked else None)
             if self._ring is not None and self._ring.due(self.periods / self._second):

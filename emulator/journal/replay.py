@@ -182,7 +182,7 @@ class Replay:
     def _tick(self) -> None:
         self.controller.tick()
         self.periods += 1
-        self._sums.append(self._checksums.of(self.controller.snapshot))
+        self._sums.append(self._checksums.of(self.controller))
         for number, steps in list(self._steps.items()):
             self._continue(number, steps)
 
