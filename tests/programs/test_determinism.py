@@ -83,7 +83,7 @@ from emulator.virtual import virtual_robot
 def run(text, arm):
     robot = virtual_robot("ur5e", running=True, arm=arm)
     seen, sums = [], Checksums()
-    robot.controller.subscribe(lambda snapshot: seen.append(sums.of(snapshot)))
+    robot.controller.subscribe(lambda _: seen.append(sums.of(robot.controller)))
     robot.send_script(text)
     for period in range(800):
         robot.set_digital_input(0, period % 300 > 150)
