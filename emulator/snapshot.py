@@ -11,6 +11,7 @@ changes are written to it (`Marked`); at rest, a snapshot takes a few microsecon
 from dataclasses import dataclass, fields
 from math import hypot
 from operator import attrgetter
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final
 
 from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
@@ -43,28 +44,37 @@ def plausible(*numbers: float) -> bool:
     return all(-_MAX_PLAUSIBLE < number < _MAX_PLAUSIBLE for number in numbers)
 
 
-class _OfArm:
-    """A value of the arm, computed when it is read unless a hook has replaced it. default: without an arm."""
-
-    def __init__(self, path: str, default: Any) -> None:
-        self._read, self._default = attrgetter(path), default
-
-    def __get__(self, snapshot: "Snapshot | None", owner: type) -> Any:
-        if snapshot is None or (arm := snapshot.arm) is None:
-            return self._default
-        return self._read(arm)
+_STILL: Final = SimpleNamespace(pose=ZERO6, speed=ZERO6, elbow_position=ZERO3)
+_RESTING: Final = SimpleNamespace(now=_STILL, acceleration=ZERO6, elbow_velocity=ZERO3)
+_NO_ARM: Final[Any] = SimpleNamespace(
+    tool=_RESTING,
+    target=_RESTING,
+    measured=_STILL,
+    sensors=SimpleNamespace(force=ZERO6, acceleration=ZERO3, raw_wrench=ZERO6),
+    efforts=SimpleNamespace(
+        momentum=0.0,
+        target_torque=ZERO6,
+        actual_torque=ZERO6,
+        target_current=ZERO6,
+        actual_current=ZERO6,
+        control_output=ZERO6,
+        base_wrench=ZERO6,
+    ),
+)
+"""An `emulator.robot.arm.ArmState` of zeros."""
 
 
 def _six(path: str) -> Vector6:
-    return _OfArm(path, ZERO6)  # type: ignore[return-value]  # as seen from outside
+    """Six values of the arm, which are computed when they are read."""
+    return property(attrgetter(f"arm.{path}"))  # type: ignore[return-value]  # as seen from outside
 
 
 def _three(path: str) -> Vector3:
-    return _OfArm(path, ZERO3)  # type: ignore[return-value]
+    return property(attrgetter(f"arm.{path}"))  # type: ignore[return-value]
 
 
 def _number(path: str) -> float:
-    return _OfArm(path, 0.0)  # type: ignore[return-value]
+    return property(attrgetter(f"arm.{path}"))  # type: ignore[return-value]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -80,7 +90,7 @@ class Snapshot:
     step: int = 0  # control periods since the controller started
     timestamp: float = 0.0  # controller uptime [s], from the step counter
     # the arm, whose poses, speeds, torques and currents are computed when they are read
-    arm: "ArmState | None" = None
+    arm: "ArmState" = _NO_ARM
     actual_TCP_pose = _six("measured.pose")
     actual_TCP_speed = _six("measured.speed")
     actual_TCP_force = _six("sensors.force")  # N, Nm
@@ -216,7 +226,7 @@ class Snapshot:
 
 NAMES: Final = (
     *(field.name for field in fields(Snapshot) if field.name != "arm"),
-    *(name for name, value in vars(Snapshot).items() if isinstance(value, _OfArm)),
+    *(name for name, value in vars(Snapshot).items() if isinstance(value, property)),
 )
 """Names of the values of a snapshot."""
 

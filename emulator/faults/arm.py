@@ -53,7 +53,7 @@ class FeedbackFault(Fault):
             snapshot.actual_q = _with(snapshot.actual_q, joint, q)
             snapshot.actual_qd = _with(snapshot.actual_qd, joint, qd)
             flange = controller.arm.kinematics.forward(snapshot.actual_q)
-            snapshot.actual_TCP_pose = pose_trans(flange, snapshot.tcp_offset)
+            snapshot.arm = snapshot.arm.measured_at(pose_trans(flange, snapshot.tcp_offset))
 
         with added(controller.snapshot_hooks, distort):
             while True:

@@ -13,6 +13,7 @@ real arm, too (``urproto.robots.measured``).
 """
 
 import math
+from copy import copy
 from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -50,6 +51,12 @@ class ArmState(NamedTuple):
     measured: ToolState
     sensors: FlangeSensors
     efforts: IdealEfforts | Efforts
+
+    def measured_at(self, pose: Pose) -> "ArmState":
+        """The same, reported with another pose of the TCP."""
+        measured = copy(self.measured)
+        measured.pose = pose
+        return self._replace(measured=measured)
 
 
 class Arm:
