@@ -8,7 +8,7 @@ Each period's snapshot starts as a shallow copy of the previous one (``successor
 changes are written to it (`Marked`); at rest, a snapshot takes a few microseconds.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from math import hypot
 from operator import attrgetter
 from types import SimpleNamespace
@@ -90,7 +90,7 @@ class Snapshot:
     step: int = 0  # control periods since the controller started
     timestamp: float = 0.0  # controller uptime [s], from the step counter
     # the arm, whose poses, speeds, torques and currents are computed when they are read
-    arm: "ArmState" = _NO_ARM
+    arm: "ArmState" = field(default_factory=lambda: _NO_ARM)
     actual_TCP_pose = _six("measured.pose")
     actual_TCP_speed = _six("measured.speed")
     actual_TCP_force = _six("sensors.force")  # N, Nm
@@ -225,7 +225,7 @@ class Snapshot:
 
 
 NAMES: Final = (
-    *(field.name for field in fields(Snapshot) if field.name != "arm"),
+    *(row.name for row in fields(Snapshot) if row.name != "arm"),
     *(name for name, value in vars(Snapshot).items() if isinstance(value, property)),
 )
 """Names of the values of a snapshot."""
