@@ -31,19 +31,7 @@ from urproto.primary.messages import RobotMessage
 from urproto.primary.program_state import VariableMessage
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
 
-if TYPE_CHECKING:
-    from emulator.robot.arm import ArmState
-
 _MAX_PLAUSIBLE: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: beyond any arm and its load (guess)
-
-
-def plausible(*numbers: float) -> bool:
-    """Whether numbers in SI units are plausible for an arm and its surroundings: finite, and not absurdly large."""
-    if hypot(*numbers) < _MAX_PLAUSIBLE:  # the usual case, checked in a single operation
-        return True
-    return all(-_MAX_PLAUSIBLE < number < _MAX_PLAUSIBLE for number in numbers)
-
-
 _STILL: Final = SimpleNamespace(pose=ZERO6, speed=ZERO6, elbow_position=ZERO3)
 _RESTING: Final = SimpleNamespace(now=_STILL, acceleration=ZERO6, elbow_velocity=ZERO3)
 _NO_ARM: Final[Any] = SimpleNamespace(
@@ -62,6 +50,13 @@ _NO_ARM: Final[Any] = SimpleNamespace(
     ),
 )
 """An `emulator.robot.arm.ArmState` of zeros."""
+
+
+def plausible(*numbers: float) -> bool:
+    """Whether numbers in SI units are plausible for an arm and its surroundings: finite, and not absurdly large."""
+    if hypot(*numbers) < _MAX_PLAUSIBLE:  # the usual case, checked in a single operation
+        return True
+    return all(-_MAX_PLAUSIBLE < number < _MAX_PLAUSIBLE for number in numbers)
 
 
 def _six(path: str) -> Vector6:
@@ -90,7 +85,7 @@ class Snapshot:
     step: int = 0  # control periods since the controller started
     timestamp: float = 0.0  # controller uptime [s], from the step counter
     # the arm, whose poses, speeds, torques and currents are computed when they are read
-    arm: "ArmState" = field(default_factory=lambda: _NO_ARM)
+    arm: Any = field(default_factory=lambda: _NO_ARM)
     actual_TCP_pose = _six("measured.pose")
     actual_TCP_speed = _six("measured.speed")
     actual_TCP_force = _six("sensors.force")  # N, Nm

@@ -5,7 +5,7 @@ from typing import NamedTuple
 # From the bottom up: a part (a module or folder of the package) may import parts on lower levels, and none on its own
 # level. Imports under TYPE_CHECKING or inside a function count as well.
 EMULATOR_LEVELS = (
-    ("ports", "devices", "logs", "clock", "realtime", "workshare"),
+    ("ports", "devices", "logs", "clock", "realtime", "workshare", "on_demand"),
     ("snapshot",),
     ("lifecycle", "reporting"),
     ("robot",),

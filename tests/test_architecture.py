@@ -176,6 +176,7 @@ MAY_ACCESS_OUTSIDE = (
     "urproto.backdoors",
     "urproto.compat_asyncio",
     "urproto.durable",  # a thread, in which a control loop writes
+    "urproto.robots.pinocchio_dynamics",  # a lock: any thread may read a snapshot
     "urproto.controlapi",
     "urproto.testing",
 )
