@@ -134,7 +134,7 @@ def test_send(
         ("protective_stop", "PROTECTIVE_STOP C209A0", ("restart_safety", "release_brakes")),
         LATER("press_emergency_stop", "ROBOT_EMERGENCY_STOP", ("release_emergency_stop", "release_brakes")),
         LATER("power_off", "the robot mode is POWER_OFF", ("release_brakes",)),
-        ("stop", "it was stopped before its end", ()),
+        LATER("stop", "it was stopped before its end", ()),
     ],
 )
 def test_waiting_ends_when_the_robot_stops(tmp_path: Path, verb: str, reason: str, mended_by: tuple[str, ...]) -> None:

@@ -82,7 +82,9 @@ def test_breakpoints_steps_and_values(client, cell):
     assert not client.answer("continue")["success"]
 
 
-@pytest.mark.parametrize("filler", ["", "    x = x + 0\n" * 1500], ids=["short", "long"])
+@pytest.mark.parametrize(
+    "filler", ["", pytest.param("    x = x + 0\n" * 1500, marks=pytest.mark.long)], ids=["short", "long"]
+)
 def test_local_variables_can_be_set(client, tmp_path, filler):
     """Also those of a function so long that it keeps them in a mapping, and of a caller."""
     file = tmp_path / "locals.script"

@@ -132,6 +132,7 @@ def test_runs_from_a_kept_moment_are_those_from_the_beginning(plan_file):
             assert entry.trail == Run(plan).finish(schedule)
 
 
+@pytest.mark.long
 def test_a_program_without_a_fault_stays_clean(plan_file, tmp_path):
     (tmp_path / "cell.script").write_text(PROGRAM.replace("while get_standard_digital_in(1):", "while False:"))
     _, found, features, runs = found_with(plan_file, 2, runs=30)

@@ -79,7 +79,7 @@ def feed(make: Callable[[], object], data: bytes) -> None:
         decoder.feed(data[start : start + CHUNK])  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("name", subset(STREAMS, now=("words in a block", "dashboard lines", "RTDE, short packages")))
+@pytest.mark.parametrize("name", subset(STREAMS, now=("words in a block", "dashboard lines")))
 def test_the_cost_of_a_byte_does_not_depend_on_earlier_bytes(name: str) -> None:
     """Four times the bytes take four times as long; code that restarts at each chunk would take sixteen times as
     long."""

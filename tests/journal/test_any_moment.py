@@ -62,7 +62,9 @@ def state(one):
 
 
 @pytest.mark.parametrize("periods", [PERIODS, pytest.param(10_000, marks=pytest.mark.long)])
-@pytest.mark.parametrize("options", [{}, {"arm": "dynamic", "seed": 4}], ids=["ideal", "dynamic"])
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"arm": "dynamic", "seed": 4}, marks=pytest.mark.long)], ids=["ideal", "dynamic"]
+)
 def test_branches_and_the_undisturbed_robot_stay_the_same(way, options, periods):
     one = robot(**options)
     one.inject_fault("lagging_joint", joint=2, delay_s=0.004)

@@ -207,7 +207,7 @@ def test_verbs_and_faults(fault: dict[str, Any]):
     run.is_repeated()
 
 
-@pytest.mark.parametrize("world", ["wall.yaml", "conveyor.yaml"])
+@pytest.mark.parametrize("world", ["wall.yaml", pytest.param("conveyor.yaml", marks=pytest.mark.long)])
 def test_a_world_with_physics(world):
     run = Recorded("ur5e", world=PHYSICS / world, physics=True, gripper="robotiq-2f-85")
     run.robot.send_script("def down():\n  while True:\n    speedl([0.02, 0, -0.1, 0, 0, 0], 0.5, 0.5)\n  end\nend\n")

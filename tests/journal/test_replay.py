@@ -245,7 +245,7 @@ def test_a_crash_report_has_the_journal_up_to_the_failure(tmp_path):
         assert replay.controller.programs.state is RuntimeState.PLAYING
 
 
-@pytest.mark.parametrize("sink", [MemorySink, Ring])
+@pytest.mark.parametrize("sink", [pytest.param(MemorySink, marks=pytest.mark.long), Ring])
 def test_a_journal_in_memory_is_given_up_when_it_is_too_long_and_a_ring_begins_anew_at_rest(sink, caplog):
     robot = virtual_robot("ur5e", running=True, recorded=False)
     recorder = record(robot, sink(limit=20_000))
