@@ -15,6 +15,7 @@ from typing import Final
 from urproto.compat import Self
 from urproto.text import from_bytes, to_bytes, words
 from urproto.versions import PolyscopeVersion
+from urscript.blocks import Blocks
 from urscript.builtins import LibrarySet
 from urscript.compiler import NOTHING, Inspect, Known, find_problems
 from urscript.errors import CompileError, ScriptError, ScriptWarning
@@ -148,16 +149,19 @@ class ScriptFile:
         libraries: LibrarySet,
         version: PolyscopeVersion,
         known: Known = NOTHING,
-        inspect: Inspect = lambda _: (),
+        inspect: Inspect = lambda *_: (),
+        blocks: Blocks | None = None,
     ) -> list[ScriptError]:
         """The problems of all programs, with lines counted from the beginning of the file.
+
+        blocks: those of earlier states of the file.
 
         After a surplus ``end``, the rest of a program looks like separate commands whose variables are not defined. In
         that case, only the ``end`` is reported.
         """
 
         def find(text: str, *, statements: bool = False) -> list[ScriptError]:
-            return find_problems(text, libraries, version, known, inspect, statements=statements)
+            return find_problems(text, libraries, version, known, inspect, statements=statements, blocks=blocks)
 
         if self.inlined:
             return self._problems_inlined(find)

@@ -12,23 +12,32 @@ from typing import NoReturn, TypeAlias, TypeVar
 from urscript.errors import Cause, CompileError
 from urscript.expressions import ExpressionParser
 from urscript.hints import FOREIGN_BLOCKS
-from urscript.tokens import KEYWORDS, Token
+from urscript.tokens import IN_EXPRESSIONS, KEYWORDS, Token
 from urscript.work import Steps
 
 ResultT = TypeVar("ResultT")
 Blame: TypeAlias = Callable[[Sequence[Token]], Steps[Cause | None]]
 
-_IN_EXPRESSIONS = frozenset(["and", "or", "xor", "not", "True", "False", "None", "run"])
-_AT_LINE_START = (KEYWORDS - _IN_EXPRESSIONS) | {"run", "name", "$"}
+_AT_LINE_START = (KEYWORDS - IN_EXPRESSIONS) | {"run", "name", "$"}
 _BLOCKS = frozenset(["def", "thread", "if", "while"])
 _NESTING = {"(": 1, "[": 1, ")": -1, "]": -1}
 
 
 class RecoveringParser(ExpressionParser):
-    """Reads expressions, and knows how much to skip after an error. Without `errors`, the first error is raised."""
+    """Reads expressions, and knows how much to skip after an error. Without `errors`, the first error is raised.
 
-    def __init__(self, source: str, tokens: list[Token], errors: list[CompileError] | None) -> None:
+    all_tokens: those of the whole text, if `tokens` are not.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        tokens: list[Token],
+        errors: list[CompileError] | None,
+        all_tokens: Callable[[], Sequence[Token]] | None,
+    ) -> None:
         super().__init__(source, tokens)
+        self._all_tokens = all_tokens
         self._errors = errors
         self._places: set[tuple[int, int]] = set()  # lines and columns of them
         self._causes: dict[Blame, Cause | None] = {}
@@ -53,7 +62,8 @@ class RecoveringParser(ExpressionParser):
     def cause(self, blamed: Blame) -> Steps[Cause | None]:
         """What `blamed` finds, which is the same for each error of a text."""
         if blamed not in self._causes:
-            self._causes[blamed] = yield from blamed(self.tokens)
+            tokens = self._all_tokens() if self._all_tokens else self.tokens
+            self._causes[blamed] = yield from blamed(tokens)
         return self._causes[blamed]
 
     def give_up(self, problem: str, token: Token | None = None) -> NoReturn:
@@ -68,12 +78,12 @@ class RecoveringParser(ExpressionParser):
             return read()
         except CompileError as error:
             self._record(error)
-            self._resume_at(start, self._header_end(self.at))
+            self.resume_at(start, self._header_end(self.at))
             return instead
 
     def skip_header(self) -> None:
         """Step past a misplaced keyword and the rest of its header."""
-        self._resume_at(self.at, self._header_end(self.at + 1))
+        self.resume_at(self.at, self._header_end(self.at + 1))
 
     def recover(self, error: CompileError, start: int) -> bool:
         """Continue after the statement that began at token `start`; raises `error` when errors are not collected.
@@ -88,7 +98,7 @@ class RecoveringParser(ExpressionParser):
         if opens:
             end = self._header_end(at)
             opens = self.tokens[end - 1].kind == ":"
-        self._resume_at(start, end if opens else self._statement_end(self._past_brackets(start, at)))
+        self.resume_at(start, end if opens else self._statement_end(self._past_brackets(start, at)))
         return opens
 
     def at_end_word(self, word: Token) -> None:
@@ -108,7 +118,8 @@ class RecoveringParser(ExpressionParser):
             self._unrecoverable = True
             raise error
 
-    def _resume_at(self, start: int, at: int) -> None:
+    def resume_at(self, start: int, at: int) -> None:
+        """Continue at a token; those from `start` on did not parse."""
         self.damaged.update(token.text for token in self.tokens[start:at] if token.kind == "name")
         self.at = at
         self._depth = 0
@@ -131,7 +142,7 @@ class RecoveringParser(ExpressionParser):
         end = at
         while open_brackets > 0:
             kind = self.tokens[end].kind
-            if kind == "end of text" or (kind in KEYWORDS and kind not in _IN_EXPRESSIONS):
+            if kind == "end of text" or (kind in KEYWORDS and kind not in IN_EXPRESSIONS):
                 return at
             open_brackets += _NESTING.get(kind, 0)
             end += 1

@@ -713,7 +713,7 @@ _REPORTERS = frozenset(
 # (file, function): why no program reaches it
 _OUT_OF_REACH = {
     **dict.fromkeys(
-        [("expressions.py", "another"), ("operators.py", "check_product_size"), ("parser.py", "_function")],
+        [("expressions.py", "another"), ("operators.py", "check_product_size"), ("parser.py", "_define")],
         "limits of size: test_bounds.py",
     ),
     ("recovery.py", "give_up"): "passes on what its callers say",

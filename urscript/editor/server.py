@@ -1,8 +1,8 @@
 """The language server: what editors ask, answered from `urscript.editor.document`.
 
 A handler converts places and nothing else. Editors send the whole text at each change, which spares keeping a copy in
-step with theirs. The checker runs in a thread, one text at a time; until it is done with a long text, what has changed
-is checked alone.
+step with theirs. The checker runs in a thread, one text at a time. What both read of a text is kept for the next one,
+block by block (`urscript.blocks`).
 """
 
 import asyncio
@@ -23,6 +23,7 @@ from pygls.protocol import LanguageServerProtocol
 from pygls.uris import from_fs_path, to_fs_path
 
 from urproto.entry import SUCCESS
+from urscript.blocks import Blocks
 from urscript.check.checking import Finding
 from urscript.check.command import chosen_versions
 from urscript.check.project import ProjectError, project_of
@@ -37,9 +38,7 @@ from urscript.methods import METHOD_HINTS
 from urscript.tokens import KEYWORDS
 
 _NAME: Final = "urscript"
-_LONG: Final = 20_000  # characters from which a text is checked near its changes first
-_IDLE_S: Final = 0.4  # after the last key, for a long text
-_PAUSE_S: Final = 0.05  # likewise, for others
+_PAUSE_S: Final = 0.02  # after the last key, before a text is checked
 _MOST_FILES: Final = 500  # of a project that are searched for a name
 _TOKEN_TYPES: Final = ("function", "variable", "parameter", "property", "method")
 _MODIFIERS: Final = ("declaration", "defaultLibrary")
@@ -85,7 +84,9 @@ class Server(LanguageServer):
         """A document with the settings of its project. Raises ProjectError and ValueError."""
         path = Path(to_fs_path(uri) or "untitled.script")
         project = project_of(path.absolute().parent)
-        return Document(path, text, project, chosen_versions(self.options, project))
+        before = self.documents.get(uri)
+        blocks = before.blocks if before is not None and before.project is project else Blocks()
+        return Document(path, text, project, chosen_versions(self.options, project), blocks)
 
     def open(self, uri: str, text: str) -> None:
         """Take a new text of a document, and check it a little later."""
@@ -109,13 +110,8 @@ class Server(LanguageServer):
 
     async def _check(self, uri: str, document: Document) -> None:
         try:
-            if len(document.text) > _LONG and uri in self.checked:
-                base, known = self.checked[uri]
-                near = document.findings_near(base, known)
-                if near is not None:
-                    self.publish(uri, document, near)
-            await asyncio.sleep(_IDLE_S if len(document.text) > _LONG else _PAUSE_S)
-            found = await asyncio.get_running_loop().run_in_executor(self.checker, _findings, document)
+            await asyncio.sleep(_PAUSE_S)
+            found = await asyncio.get_running_loop().run_in_executor(self.checker, document.findings)
         except (SourceError, ProjectError) as error:
             self.publish(uri, document, [], str(error))
             return
@@ -163,12 +159,6 @@ class Server(LanguageServer):
 
 def _is_included(document: Document) -> bool:
     return document.project.matches(document.project.include, document.path)
-
-
-def _findings(document: Document) -> list[Finding]:
-    found = document.findings()
-    _ = document.symbols.blocks  # here, in the checker's thread, because a change that follows needs them
-    return found
 
 
 def _reason(error: Exception) -> str:
