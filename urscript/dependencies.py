@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 from urscript.compile_expressions import Unit
 from urscript.errors import ScriptWarning
 from urscript.inference import GLOBAL, RESULT
-from urscript.syntax import Expression, FunctionDef, Name, parts
+from urscript.syntax import Expression, FunctionDef, Kept, Name, Scope, parts
 
 Facts: TypeAlias = tuple[Any, ...]
 
@@ -23,6 +23,7 @@ class Dependencies:
     def __init__(self, unit: Unit) -> None:
         self._unit = unit
         self._facts: dict[str, Facts] = {}
+        self._of_functions: dict[int, list[Any]] = {}  # by the id of their scopes
 
     def found(
         self,
@@ -39,9 +40,9 @@ class Dependencies:
         if function.kept is None:
             return list(find())
         unit, kept, lines = self._unit, function.kept, function.lines_before
-        facts = [self._of_all, *map(self._of, kept.words), *self._of_locals(function)]
+        facts = self._of_function(function.scope, kept)
         if more is not None:
-            facts += map(more, kept.words)
+            facts = [*facts, *map(more, kept.words)]
         key = topic, id(function.scope)
         before, warnings = kept.found.get(key, (None, []))
         if before != facts:
@@ -90,7 +91,10 @@ class Dependencies:
                     waiting.append(constants[node.name])
         return values
 
-    def _of_locals(self, function: FunctionDef) -> Iterable[int]:
-        """The kinds of a function's own variables, which depend on its calls."""
-        scope = function.scope
-        return (self._unit.kinds.known(scope.name, name) for name in (*scope.locals, *scope.assigned))
+    def _of_function(self, scope: Scope, kept: Kept) -> list[Any]:
+        """The facts of all names in a def, and the kinds of its own variables, which depend on its calls."""
+        facts = self._of_functions.get(id(scope))
+        if facts is None:
+            own = (self._unit.kinds.known(scope.name, name) for name in (*scope.locals, *scope.assigned))
+            facts = self._of_functions[id(scope)] = [self._of_all, *map(self._of, kept.words), *own]
+        return facts

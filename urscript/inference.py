@@ -9,9 +9,8 @@ which check the values at run time.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin
@@ -244,8 +243,7 @@ def arithmetic(operator: str, left: KindSet, right: KindSet) -> KindSet:
     return left | right
 
 
-@dataclass(frozen=True, slots=True)
-class _Store:
+class _Store(NamedTuple):
     """A store: an expression assigned to a variable in a scope or, with ``part``, to one of its elements."""
 
     variable: Variable

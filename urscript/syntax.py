@@ -244,8 +244,9 @@ def all_statements(body: Iterable[Statement]) -> Iterator[Statement]:
         if isinstance(statement, FunctionDef):
             continue
         yield statement
-        for block in reversed(blocks(statement)):
-            waiting += reversed(block)
+        if isinstance(statement, If | While):
+            for block in reversed(blocks(statement)):
+                waiting += reversed(block)
 
 
 @dataclass(slots=True)

@@ -6,6 +6,7 @@ block by block (`urscript.blocks`).
 """
 
 import asyncio
+import gc
 import logging
 import os
 import sys
@@ -39,6 +40,7 @@ from urscript.tokens import KEYWORDS
 
 _NAME: Final = "urscript"
 _PAUSE_S: Final = 0.02  # after the last key, before a text is checked
+_COLLECTED: Final = 50_000  # objects; a long text has as many, and a collection looks at all that are kept of it
 _MOST_FILES: Final = 500  # of a project that are searched for a name
 _TOKEN_TYPES: Final = ("function", "variable", "parameter", "property", "method")
 _MODIFIERS: Final = ("declaration", "defaultLibrary")
@@ -439,6 +441,8 @@ class _OneLine(logging.Formatter):
 
 def serve(options: Namespace) -> int:
     """Serve one editor on standard input and output; the exit status."""
+    gc.freeze()  # what has been imported stays
+    gc.set_threshold(_COLLECTED)
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_OneLine())
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
