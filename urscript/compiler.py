@@ -27,7 +27,7 @@ from urscript.inference import Kinds, infer_kinds
 from urscript.parser import discard, normalize, parse
 from urscript.pieces import PythonFunction
 from urscript.pycode import code_of
-from urscript.syntax import Label, Program, ProgramKind
+from urscript.syntax import Label, Program, ProgramKind, Scope
 from urscript.work import Steps, release, run_to_end
 
 FILE_NAME = "<urscript>"
@@ -188,9 +188,11 @@ def find_problems(
     source = normalize(text)
     errors: list[CompileError] = []
     warnings: list[ScriptWarning] = []
+    scopes: list[Scope] = []
     try:
         with _nested_too_deeply(source):
             program = (blocks or Blocks()).parse(source, errors, statements=statements)
+            scopes = program.scopes
             unit = run_to_end(_unit(program, source, libraries, version, known))
             unit.errors, unit.divided = errors, False
             dependencies = Dependencies(unit)
@@ -205,11 +207,21 @@ def find_problems(
                 warnings += inspect(unit, dependencies)
     except CompileError as error:
         errors.append(error)
-    if any(error.is_open for error in errors):  # names may be defined in the rest of it
-        errors = [error for error in errors if not error.unknown_name]
-    problems = [*(error.at_its_cause() for error in errors), *warnings]
+    problems = [*(error.at_its_cause() for error in _certain(errors, scopes)), *warnings]
     once = {(problem.line, problem.column, problem.message): problem for problem in problems}
     return [once[place] for place in sorted(once)]
+
+
+def _certain(errors: Sequence[CompileError], scopes: Iterable[Scope]) -> list[CompileError]:
+    """The errors without unknown names that a text may define after all, because it does not parse.
+
+    The rest of an open text may define them, and so may a def whose beginning or end is not where it should be.
+    """
+    syntax = [error for error in errors if not error.unknown_name]
+    if not syntax or any(error.is_open for error in syntax):
+        return syntax or list(errors)
+    local = set[str]().union(*(scope.locals | scope.assigned for scope in scopes))
+    return [error for error in errors if error.missing_name not in local]
 
 
 def _warnings(unit: Unit, steps: Steps[list[PythonFunction]]) -> list[ScriptWarning]:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from urscript.errors import CompileError
 from urscript.expressions import BLOCK_ENDS
-from urscript.hints import END_WORDS, is_end_with_word, misplaced_end, unclosed_block
+from urscript.hints import is_end_with_word, is_like_end, misplaced_end, unclosed_block
 from urscript.recovery import RecoveringParser
 from urscript.syntax import (
     Assign,
@@ -243,8 +243,10 @@ class _Parser(RecoveringParser):
     def _at_end_word(self) -> bool:
         """True at an ``endif`` or similar, which ends a block when looking for more errors."""
         token = self.token
-        alone = token.text in END_WORDS and self.tokens[self.at + 1].after_newline
-        return alone and self.recovering and token.after_newline
+        alone = (
+            self.recovering and token.kind == "name" and token.after_newline and self.tokens[self.at + 1].after_newline
+        )
+        return alone and is_like_end(self.tokens, self.at)
 
     def _open_block(self) -> Steps[list[Statement]]:
         """Read statements up to the word that ends the block, which the caller consumes."""

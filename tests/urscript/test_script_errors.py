@@ -589,11 +589,11 @@ FILES = [
     ("def f():\n  z = (2\n  y = z\nend\n", [(2, 9)]),
     ("def f():\n  def g(a=1, b):\n    return a + b + w\n  end\n  g(1, 2, 3)\nend\n", [(2, 14), (3, 20)]),
     ("def f():\n  while True\n    sync()\n  else:\n    nope()\n  end\nend\n", [(2, 13), (4, 3), (5, 5)]),
-    ("def f():\n  if True:\n    x = nope\nend\n", [(2, 3), (3, 9)]),
+    ("def f():\n  if True:\n    x = nope\nend\n", [(3, 9), (4, 1)]),
     ("def f():\n  x = 1\n  end\n  y = x\n  movej(y)\nend\n", [(3, 3)]),
     ("def f():\n  if True:\n    x = nope\n  endif\n  y = nope\nend\n", [(3, 9), (4, 3), (5, 7)]),
     ("def f():\nx = 1\nend\ny = x\nmovej(y)\nend\n", [(6, 1)]),  # no indentation tells more
-    ('def f():\n  textmsg("a)\n  y = 2\n  textmsg("b")\nend\n', [(4, 12)]),
+    ('def f():\n  textmsg("a)\n  y = 2\n  textmsg("b")\nend\n', [(2, 11)]),
     ("# comment\n\nx = nope()\ny = norm(1, other)\n", [(3, 5), (4, 5), (4, 13)]),
     ("def f(1):\n  break\n  thread t(b):\n    x = nope\n  end\nend\n", [(1, 7), (2, 3), (3, 12), (4, 9)]),
     ("def a():\n  x = nope\nend\ndef b():\n  y = (\nend\n", [(2, 7), (6, 1)]),

@@ -135,7 +135,7 @@ def _may_follow(problem: ScriptError, source: Source) -> bool:
 def _hinted(problem: ScriptError) -> str:
     """The message; for a function of a URCap, with what to write in the project file."""
     if isinstance(problem, CompileError) and problem.unknown_name:
-        name = problem.wire.split(":")[1]
+        name = problem.missing_name
         owner = owner_of(name) if problem.message.startswith(f"function {_HINTED % name}") else ""
         if owner:
             return f'{problem.message}; where the URCap is installed, write urcaps = ["{owner}"] in the project file'

@@ -38,7 +38,7 @@ _PLACE: Final = attrgetter("line", "column")
 class Document:
     """A text and its project. versions: those it is checked for; the first one decides what is offered.
 
-    blocks: those of its earlier versions.
+    blocks: those of its earlier states. number: of its state, if the editor counts them.
     """
 
     path: Path
@@ -46,6 +46,7 @@ class Document:
     project: Project
     versions: Sequence[PolyscopeVersion]
     blocks: Blocks = field(default_factory=Blocks)
+    number: int | None = None
 
     def __post_init__(self) -> None:
         self.blocks.next_text()

@@ -82,18 +82,18 @@ class Server(LanguageServer):
         self.tasks: dict[str, asyncio.Task[None]] = {}
         self.checker = ThreadPoolExecutor(1)
 
-    def read(self, uri: str, text: str) -> Document:
+    def read(self, uri: str, text: str, number: int | None = None) -> Document:
         """A document with the settings of its project. Raises ProjectError and ValueError."""
         path = Path(to_fs_path(uri) or "untitled.script")
         project = project_of(path.absolute().parent)
         before = self.documents.get(uri)
         blocks = before.blocks if before is not None and before.project is project else Blocks()
-        return Document(path, text, project, chosen_versions(self.options, project), blocks)
+        return Document(path, text, project, chosen_versions(self.options, project), blocks, number)
 
-    def open(self, uri: str, text: str) -> None:
+    def open(self, uri: str, text: str, number: int | None) -> None:
         """Take a new text of a document, and check it a little later."""
         try:
-            self.documents[uri] = self.read(uri, text)
+            self.documents[uri] = self.read(uri, text, number)
         except (ProjectError, ValueError) as error:
             self.documents.pop(uri, None)
             self.publish(uri, None, [], str(error))
@@ -129,7 +129,8 @@ class Server(LanguageServer):
         start = types.Range(types.Position(0, 0), types.Position(0, 0))
         if problem:
             shown = [types.Diagnostic(start, problem, types.DiagnosticSeverity.Error, source=_NAME)]
-        self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, shown))
+        number = document.number if document else None
+        self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, shown, number))
 
     def related(self, document: Document) -> Iterator[tuple[str, Document]]:
         """All files of the document's project, as they are open, with their addresses; the document comes first."""
@@ -225,17 +226,17 @@ def make_server(options: Namespace) -> Server:
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
     def opened(params: types.DidOpenTextDocumentParams) -> None:
-        server.open(params.text_document.uri, params.text_document.text)
+        server.open(params.text_document.uri, params.text_document.text, params.text_document.version)
 
     @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
     def changed(params: types.DidChangeTextDocumentParams) -> None:
-        server.open(params.text_document.uri, params.content_changes[-1].text)
+        server.open(params.text_document.uri, params.content_changes[-1].text, params.text_document.version)
 
     @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
     def saved(params: types.DidSaveTextDocumentParams) -> None:
         project_of.cache_clear()  # a project file, or a script that one includes, may have changed
         for uri, document in list(server.documents.items()):
-            server.open(uri, document.text)
+            server.open(uri, document.text, document.number)
 
     @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
     def closed(params: types.DidCloseTextDocumentParams) -> None:

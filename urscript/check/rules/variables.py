@@ -33,7 +33,7 @@ declare(UNUSED_INCLUDE, "unused-include", "no program of a project uses what a U
 @rule("URS201", "unused-function")
 def unused_functions(subject: Subject) -> Iterator[tuple[Body, Node, str]]:
     """a function or thread is never used"""
-    if not subject.complete or subject.by_polyscope:
+    if not subject.complete or subject.by_polyscope or subject.unit.errors:  # an unknown name may be meant for it
         return
     for body in subject.bodies:
         if body.function is not None and subject.words[body.scope.name] == 1:
