@@ -27,6 +27,7 @@ _BLANKS: Final = " \t\r\f\v"
 _WORDS: Final = ("def", "thread")
 _END: Final = "end"
 _DEEPEST: Final = 40  # nested blocks; a deeper text is read as a whole, because the parser limits the depth
+_LEVELS: Final = 4  # of blocks within blocks, each of which has a list of all its tokens
 _TEXTS: Final = 4  # whose blocks are kept
 _NEW: Final = tuple.__new__
 
@@ -67,13 +68,15 @@ class Block:
             moved = 0, _tokens(self.text, self.inner)[:-1]
         if moved[0] != lines:
             by = lines - moved[0]
-            moved = lines, [_NEW(Token, (kind, text, line + by, *rest)) for kind, text, line, *rest in moved[1]]
+            moved = lines, [_NEW(Token, (kind, text, line + by, at, new)) for kind, text, line, at, new in moved[1]]
         self._moved = moved
         return moved[1]
 
     @cached_property
     def program(self) -> tuple[Program, Kept] | None:
         """It as a program of one statement; None if it does not mean the same wherever it is."""
+        if any(block.program is None for _, _, block in self.inner):
+            return None  # nor would it parse
         errors: list[CompileError] = []
         try:
             program = _parsed(self.text, self.inner, errors, statements=True)
@@ -118,7 +121,8 @@ class Blocks:
             if word == _END and opened:
                 start, inner = opened.pop()
                 around = opened[-1][1] if opened else top
-                if start >= 0 and _LAST_ON_LINE.match(text, match.end()):
+                nested = sum(start >= 0 for start, _ in opened)
+                if start >= 0 and nested < _LEVELS and _LAST_ON_LINE.match(text, match.end()):
                     around.append(_Span(start, match.end(), inner))
                 else:
                     around += inner

@@ -639,6 +639,12 @@ def test_errors_in_the_text_of_a_script_node_are_where_they_are_in_the_file(comp
     assert [problem.column for problem in file.problems(LIBRARY_SET, NEWEST)] == [18]
 
 
+def test_lines_named_in_a_message_are_those_of_the_file():
+    text = "# a comment\n\ndef f():\n  if True:\n    sync()\n  sync()\nend\n"
+    (problem,) = ScriptFile("f", text.encode()).problems(LIBRARY_SET, NEWEST)
+    assert problem.message.endswith("the 'if' on line 4 has no 'end', judging by the indentation of line 6")
+
+
 @pytest.mark.parametrize(("text", "places"), FILES)
 def test_everything_that_is_wrong_with_a_file_is_found_at_once(text, places):
     problems = ScriptFile("f", text.encode()).problems(LIBRARY_SET, NEWEST)

@@ -160,7 +160,7 @@ def syntax(read, text, **options):
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-@pytest.mark.parametrize("count", [25, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [25, pytest.param(400, marks=pytest.mark.long)])
 def test_what_is_kept_changes_nothing(program, count):
     chosen = random.Random(f"{program} {count}")
     kept, text, states = Blocks(), PROGRAMS[program], [PROGRAMS[program]]
