@@ -6,13 +6,12 @@ which value; how the function of that name is called; which built-in has it. As 
 """
 
 from collections.abc import Callable, Hashable, Iterable
-from functools import cached_property
 from typing import Any, TypeAlias
 
 from urscript.compile_expressions import Unit
 from urscript.errors import ScriptWarning
 from urscript.inference import GLOBAL, RESULT
-from urscript.syntax import Expression, FunctionDef, Kept, Name, Scope, parts
+from urscript.syntax import Constant, FunctionDef, Kept, Name, Scope, parts
 
 Facts: TypeAlias = tuple[Any, ...]
 
@@ -22,6 +21,7 @@ class Dependencies:
 
     def __init__(self, unit: Unit) -> None:
         self._unit = unit
+        self._has_handles = unit.has_handles
         self._facts: dict[str, Facts] = {}
         self._of_functions: dict[int, list[Any]] = {}  # by the id of their scopes
 
@@ -43,7 +43,7 @@ class Dependencies:
         facts = self._of_function(function.scope, kept)
         if more is not None:
             facts = [*facts, *map(more, kept.words)]
-        key = topic, id(function.scope)
+        key = topic, unit.version, id(function.scope)
         before, warnings = kept.found.get(key, (None, []))
         if before != facts:
             errors, misfits = len(unit.errors), unit.misfits
@@ -53,11 +53,6 @@ class Dependencies:
             for error in unit.errors[errors:]:
                 error.line += lines
         return [ScriptWarning(w.message, w.line + lines, w.column, unit.source, w.kind) for w in warnings]
-
-    @cached_property
-    def _of_all(self) -> Facts:
-        unit = self._unit
-        return unit.version, unit.has_handles
 
     def _of(self, name: str) -> Facts:
         """The facts of a name."""
@@ -74,9 +69,12 @@ class Dependencies:
             )
         return facts
 
-    def _values(self, name: str) -> list[Expression]:
-        """The value of a global that is assigned only once, and those of the globals in it."""
-        values: list[Expression] = []
+    def _values(self, name: str) -> list[Any]:
+        """The value of a global that is assigned only once, and those of the globals in it.
+
+        With the types of all constants, because 1 equals True.
+        """
+        values: list[Any] = []
         constants, seen = self._unit.kinds.constants, {name}
         waiting = [constants[name]] if name in constants else []
         while waiting:
@@ -86,7 +84,9 @@ class Dependencies:
             while inside:
                 node = inside.pop()
                 inside += (part for group in parts(node) for part in group)
-                if isinstance(node, Name) and node.name in constants and node.name not in seen:
+                if isinstance(node, Constant):
+                    values.append(node.value.__class__)
+                elif isinstance(node, Name) and node.name in constants and node.name not in seen:
                     seen.add(node.name)
                     waiting.append(constants[node.name])
         return values
@@ -96,5 +96,5 @@ class Dependencies:
         facts = self._of_functions.get(id(scope))
         if facts is None:
             own = (self._unit.kinds.known(scope.name, name) for name in (*scope.locals, *scope.assigned))
-            facts = self._of_functions[id(scope)] = [self._of_all, *map(self._of, kept.words), *own]
+            facts = self._of_functions[id(scope)] = [self._has_handles, *map(self._of, kept.words), *own]
         return facts

@@ -123,7 +123,7 @@ class Timing:
         """Whether a function may end without having taken time; kept as long as the functions that it calls say so."""
         facts = [self._call_takes(call.name) for call in function.scope.calls]
         found = function.kept.found if function.kept else {}
-        key = "idle", id(function.scope)
+        key = "idle", self._unit.version, id(function.scope)
         if found.get(key, ((), None))[0] != facts:
             found[key] = facts, bool(self.idle(function.body))
         idle: bool = found[key][1]

@@ -23,6 +23,7 @@ VERSIONS = [PolyscopeVersion.parse("5.13"), PolyscopeVersion.parse("5.22")]
 DEPENDENT = """def cell():
   global home = p[0.3, 0.2, 0.1, 0, 0, 0]
   global near = home
+  global far = p[0.3, 0.2, 1, 0, 0, 0]
   global fast = 200
   count = 0
   def ready():
@@ -52,6 +53,7 @@ DEPENDENT = """def cell():
     end
     textmsg(text + part)
     movel(near, r=0.5)
+    movel(far, r=0.6)
     movel(home, v=fast, r=0.4)
     count = "many"
     global grip = True
@@ -178,3 +180,27 @@ def test_what_is_kept_changes_nothing(program, count):
             now = syntax(kept.parse, text, statements=statements)
             assert now == syntax(parsed, text, statements=statements), text
         assert found(text, kept) == found(text, Whole()), text
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("0.2, 1, 0", "0.2, True, 0"),
+        ("p[0.3, 0.2, 0.1, 0, 0, 0]", "p[0.3, 0.2, 0.1, 0, 0, 180]"),
+        ("fast = 200", "fast = 2"),
+        ("count = 0", "count = True"),
+        ("def other(n, step=1):", "def other(n):"),
+        ("def other(n", "thread other(n"),
+        ("    if n > 3:", "    sync()\n    if n > 3:"),
+        ("h = run watch()", "count = [1]"),
+        ("move([1], 2)", "move([1], 2)\n  part = 2\n  x = rpc_factory(1)"),
+    ],
+)
+def test_what_a_change_means_elsewhere(old, new):
+    kept, changed = Blocks(), DEPENDENT.replace(old, new, 1)
+    assert changed != DEPENDENT
+    before = found(DEPENDENT, kept)
+    for text in (changed, DEPENDENT, changed.replace("\n", "\n\n", 1)):
+        kept.next_text()
+        assert found(text, kept) == found(text, Whole())
+    assert found(changed, kept) != before
