@@ -11,8 +11,11 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+from table import Table
 
 FUNCTION = """  def part_{0}(x, y=1):
     # a part of the cell
@@ -35,7 +38,10 @@ FUNCTION = """  def part_{0}(x, y=1):
     return total
   end
 """
-URI = "file:///tmp/editor_benchmark/cell.script"
+URI: Final = "file:///tmp/editor_benchmark/{}.script"
+KEYS: Final = 60
+OPENINGS: Final = 6
+OF_A_NAME: Final = ("hover", "definition", "documentSymbol", "semanticTokens/full", "foldingRange", "signatureHelp")
 
 
 def program(functions: int = 235) -> str:
@@ -50,7 +56,7 @@ class Editor:
     def __init__(self) -> None:
         command = [sys.executable, "-m", "urscript", "lsp", "--polyscope", "5.22"]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        self._number = 0
+        self._number = self._shown = self._expected = 0
         self.request("initialize", capabilities={})
         self.send("initialized")
 
@@ -68,6 +74,7 @@ class Editor:
             name, _, value = line.partition(b":")
             length = int(value) if name == b"Content-Length" else length
         message: dict[str, Any] = json.loads(self.process.stdout.read(length))
+        self._shown += message.get("method") == "textDocument/publishDiagnostics"
         return message
 
     def request(self, method: str, **params: Any) -> Any:
@@ -77,14 +84,19 @@ class Editor:
             pass
         return message
 
-    def findings(self) -> Any:
-        while (message := self.read()).get("method") != "textDocument/publishDiagnostics":
-            pass
-        return message["params"]["diagnostics"]
+    def findings(self) -> None:
+        """Wait for the findings of the newest text."""
+        while self._shown < self._expected:
+            self.read()
 
-    def change(self, text: str, version: int) -> None:
-        document = {"uri": URI, "version": version}
-        self.send("textDocument/didChange", textDocument=document, contentChanges=[{"text": text}])
+    def open(self, uri: str, text: str) -> None:
+        self._expected += 1
+        item = {"uri": uri, "languageId": "urscript", "version": 0, "text": text}
+        self.send("textDocument/didOpen", textDocument=item)
+
+    def change(self, uri: str, text: str) -> None:
+        self._expected += 1
+        self.send("textDocument/didChange", textDocument={"uri": uri, "version": 1}, contentChanges=[{"text": text}])
 
     def close(self) -> None:
         self.request("shutdown")
@@ -92,50 +104,62 @@ class Editor:
         self.process.wait(30)
 
 
-def main() -> None:
-    """Print a table: the middle and the longest time of each."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("file", nargs="?", type=Path)
-    parser.add_argument("--keys", type=int, default=60)
-    options = parser.parse_args()
-    text = options.file.read_text(errors="replace") if options.file else program()
+def measure(text: str = "", keys: int = KEYS) -> Table:
+    """One row for each request, and for findings."""
+    text = text or program()
     lines = text.split("\n")
     editor = Editor()
     times: dict[str, list[float]] = {}
 
-    def timed(name: str, run: Any) -> Any:
+    def timed(name: str, run: Callable[[], Any]) -> None:
         began = time.perf_counter()
-        result = run()
+        run()
         times.setdefault(name, []).append((time.perf_counter() - began) * 1000)
-        return result
 
-    item = {"uri": URI, "languageId": "urscript", "version": 0, "text": text}
-    editor.send("textDocument/didOpen", textDocument=item)
-    timed("findings after opening", editor.findings)
-    for key in range(options.keys):
+    for key in range(keys):
+        if key % max(1, keys // OPENINGS) == 0:
+            uri = URI.format(key)
+            editor.open(uri, text)
+            timed("findings after opening", editor.findings)
         at = (key * 7919) % (len(lines) - 2) + 1
         changed = [*lines]
         changed[at] += " x"  # a mistake that is only a syntax error where a statement ends
-        editor.change("\n".join(changed), 2 * key + 1)
-        place = {"line": at, "character": len(changed[at])}
-        where = {"textDocument": {"uri": URI}, "position": place}
+        document = {"uri": uri}
+        editor.change(uri, "\n".join(changed))
         if key % 2:
             timed("findings after a key", editor.findings)
-            time.sleep(0.1)
         else:
+            place = {"line": at, "character": len(changed[at])}
+            where = {"textDocument": document, "position": place}
             timed("completion after a key", lambda where=where: editor.request("textDocument/completion", **where))
+            editor.findings()
         name = {"line": at, "character": len(lines[at]) - len(lines[at].lstrip()) + 1}
-        here = {"textDocument": {"uri": URI}, "position": name}
-        for method in ("hover", "definition", "documentSymbol", "semanticTokens/full", "foldingRange", "signatureHelp"):
+        here = {"textDocument": document, "position": name}
+        for method in OF_A_NAME:
             timed(method, lambda method=method, here=here: editor.request(f"textDocument/{method}", **here))
-        editor.change(text, 2 * key + 2)
-        time.sleep(1.2)
-        editor.request("textDocument/hover", **here)
+        editor.change(uri, text)
+        editor.findings()
     editor.close()
-    print(f"{len(lines)} lines, {options.keys} keys; milliseconds")
-    print(f"{'':<26}{'p50':>8}{'max':>8}{'n':>6}")
-    for name, found in times.items():
-        print(f"{name:<26}{statistics.median(found):8.1f}{max(found):8.1f}{len(found):6}")
+    whole = statistics.median(times["findings after opening"])
+    rows = [
+        [name, f"{statistics.median(found):.0f} ms", f"{max(found):.0f} ms", f"{statistics.median(found) / whole:.3f}"]
+        for name, found in sorted(times.items())
+    ]
+    about = (
+        f"`urscript lsp` with a program of {len(lines):,} lines, in which {keys} keys are typed. After opening, the "
+        "whole text is read and checked; after a key, what has changed. The last column compares with that."
+    )
+    return Table("An editor", about, ["request", "median", "longest", "times opening"], rows)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", nargs="?", type=Path)
+    parser.add_argument("--keys", type=int, default=KEYS)
+    options = parser.parse_args()
+    text = options.file.read_text(errors="replace") if options.file else ""
+    sys.stdout.write(measure(text, options.keys).markdown())
 
 
 if __name__ == "__main__":

@@ -63,6 +63,7 @@ MEASUREMENTS: Final = (
     "rtde_codec.measure",
     "urscript_speed.measure_compiling",
     "urscript_speed.measure",
+    "editor.measure",
     "campaign.measure",
     "explore.measure",
     "explore.measure_planted",

@@ -114,6 +114,7 @@ class Unit:
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
     unexplained: dict[int, tuple[str, Callable[[], list[str]]]] = field(default_factory=dict)  # names, by error's id
     warnings: list[ScriptWarning] = field(default_factory=list)  # of calls that will fail when executed
+    misfits: int = 0  # names that are not defined, and calls with wrong arguments, whether they are reported or not
 
     def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
         """Record the error; a program can contain thousands."""
@@ -239,6 +240,7 @@ class ExpressionCompiler:
     def name_not_found(self, name: str, node: Expression, kind: str) -> None:
         """Record the error; the first one in the text is raised in the end."""
         unit, scope = self.unit, self.scope
+        unit.misfits += 1
         if name in unit.program.damaged:
             return
         if kind == "variable":
@@ -417,6 +419,7 @@ class ExpressionCompiler:
                 return self._builtin_call(node, builtin, place)
         except BindingError as error:
             self._check_arguments(node)
+            self.unit.misfits += 1
             if node.name not in self.unit.program.damaged:
                 self.unit.warn("arguments", str(error), node)
             return call("_fault", place, constant(str(error), place))

@@ -10,21 +10,24 @@ from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from types import CodeType, MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from urproto.facts import availability
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.analysis import FunctionPlan, plan_functions
+from urscript.blocks import Blocks
 from urscript.builtins import Builtin, LibrarySet
 from urscript.compile_expressions import Unit
 from urscript.compile_statements import compile_function, compile_main
+from urscript.dependencies import Dependencies
 from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
 from urscript.parser import discard, normalize, parse
 from urscript.pieces import PythonFunction
 from urscript.pycode import code_of
-from urscript.syntax import Label, Program, ProgramKind
+from urscript.syntax import Label, Program, ProgramKind, Scope
 from urscript.work import Steps, release, run_to_end
 
 FILE_NAME = "<urscript>"
@@ -162,7 +165,7 @@ class Known(NamedTuple):
 
 NOTHING: Final = Known()
 
-Inspect: TypeAlias = Callable[[Unit], Iterable[ScriptWarning]]
+Inspect: TypeAlias = Callable[[Unit, Dependencies], Iterable[ScriptWarning]]
 """Finds further problems of a program that the compiler could read to its end."""
 
 
@@ -171,42 +174,68 @@ def find_problems(
     libraries: LibrarySet,
     version: PolyscopeVersion,
     known: Known = NOTHING,
-    inspect: Inspect = lambda _: (),
+    inspect: Inspect = lambda *_: (),
     *,
     statements: bool = False,
+    blocks: Blocks | None = None,
 ) -> list[ScriptError]:
     """All problems of one program in the order of its text, without duplicates.
 
     A CompileError prevents the program from starting; a ScriptWarning does not.
-    statements: the text is the body of a program, even if it begins with a def.
+    statements: the text is the body of a program, even if it begins with a def. blocks: those of earlier states of the
+    text, with what was found in them.
     """
     source = normalize(text)
     errors: list[CompileError] = []
     warnings: list[ScriptWarning] = []
+    scopes: list[Scope] = []
     try:
         with _nested_too_deeply(source):
-            unit = run_to_end(_parsed(source, libraries, version, errors, known, statements=statements))
+            program = (blocks or Blocks()).parse(source, errors, statements=statements)
+            scopes = program.scopes
+            unit = run_to_end(_unit(program, source, libraries, version, known))
             unit.errors, unit.divided = errors, False
-            for body in _bodies(unit):
-                run_to_end(body)
+            dependencies = Dependencies(unit)
+            for name, plan in unit.plans.items():
+                if function := program.functions.get(name):
+                    compiling = partial(_warnings, unit, compile_function(unit, function, plan))
+                    warnings += dependencies.found("compiler", function, compiling)
+            warnings += _warnings(unit, compile_main(unit))
             for error in errors[:_MAX_HINTS]:
                 run_to_end(unit.explain(error))
-            warnings += unit.warnings
             if all(error.unknown_name for error in errors):  # otherwise, the tree lacks what could not be parsed
-                warnings += inspect(unit)
+                warnings += inspect(unit, dependencies)
     except CompileError as error:
         errors.append(error)
-    if any(error.is_open for error in errors):  # names may be defined in the rest of it
-        errors = [error for error in errors if not error.unknown_name]
-    problems = [*(error.at_its_cause() for error in errors), *warnings]
+    problems = [*(error.at_its_cause() for error in _certain(errors, scopes)), *warnings]
     once = {(problem.line, problem.column, problem.message): problem for problem in problems}
     return [once[place] for place in sorted(once)]
+
+
+def _certain(errors: Sequence[CompileError], scopes: Iterable[Scope]) -> list[CompileError]:
+    """The errors without unknown names that a text may define after all, because it does not parse.
+
+    The rest of an open text may define them, and so may a def whose beginning or end is not where it should be.
+    """
+    syntax = [error for error in errors if not error.unknown_name]
+    if not syntax or any(error.is_open for error in syntax):
+        return syntax or list(errors)
+    local = set[str]().union(*(scope.locals | scope.assigned for scope in scopes))
+    return [error for error in errors if error.missing_name not in local]
+
+
+def _warnings(unit: Unit, steps: Steps[list[PythonFunction]]) -> list[ScriptWarning]:
+    """The warnings of compiling a body."""
+    unit.warnings = []
+    run_to_end(steps)
+    return unit.warnings
 
 
 def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, stepped: bool) -> Steps[CompiledProgram]:
     source = normalize(text)
     with _nested_too_deeply(source):
-        unit = yield from _parsed(source, libraries, version)
+        program = yield from parse(source)
+        unit = yield from _unit(program, source, libraries, version)
         unit.stepped = stepped
         code = yield from generate(unit, _bodies(unit), FILE_NAME)
     error = yield from first_error(unit)
@@ -248,16 +277,9 @@ def _nested_too_deeply(source: str) -> Iterator[None]:
         raise CompileError.syntax("the program is nested too deeply", 1, 1, source) from error
 
 
-def _parsed(
-    source: str,
-    libraries: LibrarySet,
-    version: PolyscopeVersion,
-    errors: list[CompileError] | None = None,
-    known: Known = NOTHING,
-    *,
-    statements: bool = False,
+def _unit(
+    program: Program, source: str, libraries: LibrarySet, version: PolyscopeVersion, known: Known = NOTHING
 ) -> Steps[Unit]:
-    program = yield from parse(source, errors, statements=statements)
     program.globals |= dict.fromkeys(known.variables)
     program.damaged.update(known.undecided)
     builtins = libraries.available(version)

@@ -62,11 +62,15 @@ class ScriptError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A mistake that the parser noticed only later in the text: where it was made, and its description."""
+    """A mistake that the parser noticed only later in the text: where it was made, and its description.
+
+    opened: the line of the block that lacks its end, if it is about one.
+    """
 
     line: int
     column: int
     text: str
+    opened: int = 0
 
 
 class CompileError(ScriptError):
@@ -89,6 +93,11 @@ class CompileError(ScriptError):
         """Whether a name is not defined."""
         return self.wire.startswith("compile_error_name_not_found")
 
+    @property
+    def missing_name(self) -> str:
+        """The name that is not defined; empty for other errors."""
+        return self.wire.split(":")[1] if self.unknown_name else ""
+
     def at_its_cause(self) -> "CompileError":
         """The same error at the position where the mistake was made."""
         cause = self.cause
@@ -100,7 +109,7 @@ class CompileError(ScriptError):
     def is_open(self) -> bool:
         """Whether the text lacks the ``end`` of its def, such as a preamble."""
         return self.message.startswith("syntax error at end of text: expected 'end' to close the program") and (
-            self.cause is None or self.cause.line == 1
+            self.cause is None or self.cause.opened == 1
         )
 
     @classmethod

@@ -126,6 +126,9 @@ class ExpressionParser:
         cause: Cause | None = None
         if string is not None:
             problem += f"; the string that starts on line {string.line} is closed only here"
+            cause = Cause(
+                string.line, string.column, f"the string that starts here is closed only on line {token.line}"
+            )
         else:
             at = bisect_left(self.tokens, (token.line, token.column), key=attrgetter("line", "column"))
             odd = self.end_with_word_at is not None and self.end_with_word_at < at - 1

@@ -10,11 +10,12 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from urproto.compat import Self
 from urproto.text import from_bytes, to_bytes, words
 from urproto.versions import PolyscopeVersion
+from urscript.blocks import Blocks
 from urscript.builtins import LibrarySet
 from urscript.compiler import NOTHING, Inspect, Known, find_problems
 from urscript.errors import CompileError, ScriptError, ScriptWarning
@@ -23,10 +24,12 @@ from urscript.splitter import ScriptSplitter, Unit
 from urscript.work import Steps, run_to_end
 
 _ENDED_BEFORE: Final = "the program ended before this"
+_OTHER_LINE: Final = re.compile(r"(\b(?:on|of) line |(?:;|error:) line )(\d+)\b")
 _CLOSING: Final = ("end", "else", "elif")
 _SIGNATURE: Final = re.compile(r"\s*(def|thread)\s+(\w+)\s*\(\s*([^)]?)")
 _WORD: Final = re.compile(r'"[^"]*"|#[^\n]*|([A-Za-z_]\w*)\s*([=(]?)(?!=)')
 _NO_WORD: Final = re.compile(r"\W", re.ASCII)
+_MOST_TRIES: Final = 5  # surplus ends of a file that are explained: each means to read the text twice
 _PIECE_CHARACTERS: Final = 4096
 _PIECE_COST: Final = 200  # measured: 50 microseconds for 1000 characters
 _WORDS: Final = 64  # between two yields
@@ -94,12 +97,25 @@ class FileUnit:
         return is_secondary(self.text)
 
     @property
+    def indentation(self) -> int:
+        """Number of characters before its first word."""
+        return len(self.text) - len(self.text.lstrip())
+
+    @property
     def _stray_end(self) -> bool:
         return not self.block and _is_stray(self.text)
 
 
 def _is_stray(line: str) -> bool:
     return words(line)[0].rstrip(":") in _CLOSING
+
+
+class _Part(NamedTuple):
+    """A program with its problems. position: its offset in the text."""
+
+    unit: FileUnit
+    position: int
+    problems: list[ScriptError]
 
 
 class ScriptFile:
@@ -148,45 +164,50 @@ class ScriptFile:
         libraries: LibrarySet,
         version: PolyscopeVersion,
         known: Known = NOTHING,
-        inspect: Inspect = lambda _: (),
+        inspect: Inspect = lambda *_: (),
+        blocks: Blocks | None = None,
     ) -> list[ScriptError]:
         """The problems of all programs, with lines counted from the beginning of the file.
+
+        blocks: those of earlier states of the file.
 
         After a surplus ``end``, the rest of a program looks like separate commands whose variables are not defined. In
         that case, only the ``end`` is reported.
         """
 
         def find(text: str, *, statements: bool = False) -> list[ScriptError]:
-            return find_problems(text, libraries, version, known, inspect, statements=statements)
+            return find_problems(text, libraries, version, known, inspect, statements=statements, blocks=blocks)
 
         if self.inlined:
             return self._problems_inlined(find)
-        found: list[ScriptError] = []
-        last: list[ScriptError] = []  # problems of the last block
-        outside: list[ScriptError] = []  # problems of the lines after it
-        block: FileUnit | None = None
-        began = 0
+        parts: list[_Part] = []
+        tries = 0
         places = self._places() if len(self.units) > 1 else [(None, 0)]
         for unit, (_, position) in zip(self.units, places, strict=False):
-            problems = [self.located(problem, unit) for problem in find(unit.text)]
-            if unit.block:
-                found += last + outside
-                block, last, outside, began = unit, problems, [], position
-                continue
-            if unit._stray_end:
-                outside = [problem for problem in outside if not _is_unknown_name(problem)]
-                explained = block and self._explained(block, find(self.text[began : position + len(unit.text)]))
-                if explained:
-                    last, outside = explained, []
-                    continue
-            outside += problems
-        return found + last + outside
+            parts.append(_Part(unit, position, [self.located(problem, unit) for problem in find(unit.text)]))
+            if unit._stray_end and (tries := tries + 1) <= _MOST_TRIES:
+                if whole := self._as_one(parts, len(self.text), find):
+                    return [problem for part in whole for problem in part.problems]
+                end = position + len(unit.text)
+                parts = self._as_one(parts, end, find) or _without_unknown_names(parts)
+        return [problem for part in parts for problem in part.problems]
 
-    def _explained(self, block: FileUnit, problems: list[ScriptError]) -> list[ScriptError]:
-        """The problems of a text if all of it was meant to be one block; empty when the text does not support that."""
+    def _as_one(self, parts: list[_Part], end: int, find: Callable[..., list[ScriptError]]) -> list[_Part]:
+        """Parts, of which the last one is a surplus ``end``, if all up to an offset was meant to be one block.
+
+        It is one that ended too early: the last one that is indented like the ``end``. Empty when the text does not
+        support that.
+        """
+        blocks = [at for at, part in enumerate(parts) if part.unit.block]
+        if not blocks:
+            return []
+        indentation = parts[-1].unit.indentation
+        first = [at for at in blocks if parts[at].unit.indentation == indentation or at == blocks[0]][-1]
+        block = parts[first]
+        problems = find(self.text[block.position : end])
         if any(_ENDED_BEFORE in problem.message for problem in problems):
             return []
-        return [self.located(problem, block) for problem in problems]
+        return [*parts[:first], block._replace(problems=[self.located(problem, block.unit) for problem in problems])]
 
     def _problems_inlined(self, find: Callable[..., list[ScriptError]]) -> list[ScriptError]:
         whole = self._program(self.text, 0, block=False)
@@ -204,13 +225,21 @@ class ScriptFile:
     def located(self, error: ScriptError, unit: FileUnit) -> ScriptError:
         """Convert the position of an error in one of the programs to a position in the file."""
         line, column = error.line + unit.lines_before, error.column
+        message = _OTHER_LINE.sub(lambda found: f"{found[1]}{int(found[2]) + unit.lines_before}", error.message)
         if error.line == 1:
             column = max(1, column - unit.columns_before)
         if isinstance(error, CompileError):
-            return CompileError(error.message, line, column, self.text, error.wire)
+            return CompileError(message, line, column, self.text, error.wire)
         if isinstance(error, ScriptWarning):
-            return ScriptWarning(error.message, line, column, self.text, error.kind)
-        return ScriptError(error.message, line, column, self.text)
+            return ScriptWarning(message, line, column, self.text, error.kind)
+        return ScriptError(message, line, column, self.text)
+
+
+def _without_unknown_names(parts: list[_Part]) -> list[_Part]:
+    """Parts without the unknown names after the last block, which may have ended too early."""
+    after = max((at for at, part in enumerate(parts) if part.unit.block), default=-1) + 1
+    certain = ([problem for problem in part.problems if not _is_unknown_name(problem)] for part in parts[after:])
+    return [*parts[:after], *(part._replace(problems=left) for part, left in zip(parts[after:], certain, strict=True))]
 
 
 def _is_unknown_name(problem: ScriptError) -> bool:

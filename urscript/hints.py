@@ -24,6 +24,9 @@ END_WORDS: Final = frozenset(["endif", "endwhile", "endfor", "enddef", "endfunct
 _NO_IMPORT: Final = "URScript has no modules: a program must contain all its functions"
 _LOG: Final = 'textmsg("text") writes to the log'
 
+_BRANCHES: Final = ("else", "elif")
+_LIKE: Final = 0.65  # ratio of `difflib` from which a word is taken for a misspelt keyword (a guess)
+
 _FIRST_WORDS: Final[Mapping[str, str]] = {
     **dict.fromkeys(["for", "foreach", "repeat", "do", "until", "loop"], _COUNT),
     **dict.fromkeys(["elseif", "elsif", "elsIf", "elseIf", "ElseIf", "Else", "ELSE"], _BRANCH),
@@ -242,11 +245,32 @@ def is_end_with_word(tokens: Sequence[Token], at: int) -> bool:
     )
 
 
+def is_like_end(tokens: Sequence[Token], at: int) -> bool:
+    """Whether a name that is alone on its line is meant to be the ``end`` of a block."""
+    word, first = tokens[at], at - 1
+    if word.text in END_WORDS:
+        return True
+    while first > 0 and tokens[first - 1].line == tokens[at - 1].line and at - first < _LOOK_BACK:
+        first -= 1
+    return at > 0 and word.column < tokens[first].column and len(word.text) > 1 and _is_like("end", word.text)
+
+
+def is_like_branch(word: str) -> bool:
+    """Whether a word is meant to be ``else`` or ``elif``, or is the beginning of one."""
+    known = _FIRST_WORDS.get(word) == _BRANCH
+    return known or any(branch.startswith(word) or _is_like(branch, word) for branch in _BRANCHES)
+
+
+def _is_like(keyword: str, word: str) -> bool:
+    return len(word) <= 2 * len(keyword) and difflib.SequenceMatcher(None, keyword, word).ratio() > _LIKE
+
+
 @dataclass(slots=True)
 class _Block:
     opening: Token
     column: int  # of the first word of its line
     indented: bool | None = None  # its body is indented further than the block itself; None while not known
+    shown: Token | None = None  # what shows that its end is missing, unless an end in its column follows
 
 
 def unclosed_block(tokens: Sequence[Token]) -> Steps[Cause | None]:
@@ -255,11 +279,8 @@ def unclosed_block(tokens: Sequence[Token]) -> Steps[Cause | None]:
     if found is None or not found[2]:
         return None
     block, token, _ = found
-    return Cause(
-        block.line,
-        block.column,
-        f"the '{block.text}' on line {block.line} has no 'end', judging by the indentation of line {token.line}",
-    )
+    text = f"the '{block.text}' on line {block.line} has no 'end', judging by the indentation of line {token.line}"
+    return Cause(token.line, token.column, text, opened=block.line)
 
 
 def misplaced_end(tokens: Sequence[Token]) -> Steps[Cause | None]:
@@ -269,33 +290,45 @@ def misplaced_end(tokens: Sequence[Token]) -> Steps[Cause | None]:
         return None
     block, token, _ = found
     closes = f"this 'end' closes the '{block.text}' on line {block.line}"
-    return Cause(token.line, token.column, f"{closes} but is indented further: there is one 'end' too many")
+    return Cause(token.line, token.column, f"{closes}, unlike the indentation: there is one 'end' too many")
 
 
 def _by_indentation(tokens: Sequence[Token]) -> Steps[tuple[Token, Token, bool] | None]:
     """The first block that does not end where its indentation says, the token that shows it, and whether its ``end``
     is missing rather than surplus."""
     blocks: list[_Block] = []
+    closed: tuple[Token, Token] | None = None  # the block that the line before has closed, and its end
+    doubtful: list[tuple[int, Token, Token]] = []  # blocks that end in their column, after a line that says otherwise
     line = column = 0
     for number, token in enumerate(tokens, 1):
         if number % _SLICE == 0:
             yield _SLICE * _WORK
         first = token.line > line
         if first:
-            line, column = token.line, token.column
+            if closed is not None and token.after_newline and token.column > closed[1].column:
+                return *closed, False
+            closed, line, column = None, token.line, token.column
         block = blocks[-1] if blocks else None
         if first and block is not None and token.after_newline:
             if block.indented is None:
                 block.indented = token.column > block.column or token.kind in ("end", "else", "elif")
-            if _shows_a_missing_end(token, block, blocks[:-1]):
-                return block.opening, token, True
+            if block.shown is None and _shows_a_missing_end(token, block, blocks[:-1]):
+                block.shown = token
             if token.kind == "end" and block.indented and token.column > block.column:
                 return block.opening, token, False
         if token.kind in _OPENING:
             blocks.append(_Block(token, column))
         elif token.kind == "end" and blocks:
-            blocks.pop()
-    return None
+            block = blocks.pop()
+            if block.shown is not None and not (first and token.column == block.column):
+                return block.opening, block.shown, True
+            if block.shown is not None:
+                doubtful.append((token.line - block.shown.line, block.opening, block.shown))
+            closed = (block.opening, token) if first else None
+    unclosed = [(block.opening, block.shown) for block in blocks if block.shown is not None]
+    if blocks and not unclosed and doubtful:  # one of them has taken the end of a block around it: the longest
+        unclosed = [max(doubtful)[1:]]
+    return (*unclosed[-1], True) if unclosed else None
 
 
 def _shows_a_missing_end(token: Token, block: _Block, around: Sequence[_Block]) -> bool:

@@ -9,9 +9,8 @@ which check the values at run time.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from urscript.arguments import BindingError, Slot, bind_arguments
 from urscript.builtins import Builtin
@@ -63,8 +62,8 @@ _ELEMENTS: Final = ((VECTOR, NUMBER), (INTS, INT), (FLOATS, FLOAT), (BOOLS, BOOL
 _LISTS_OF: Final = ((INT, INTS), (FLOAT, FLOATS), (BOOL, BOOLS))
 
 Variable: TypeAlias = tuple[str, str]  # scope and name; the scope of globals is "", that of results "return"
-_GLOBAL: Final = ""
-_RESULT: Final = "return"
+GLOBAL: Final = ""
+RESULT: Final = "return"
 
 _INTERPRETER: Final = "interpreter_mode"
 _LIST_MAKER: Final = "make_list"
@@ -166,6 +165,10 @@ class Kinds:
         """The kinds a variable may have once a value was assigned to it."""
         return self._variables.get(_variable(self._program, scope, name), 0)
 
+    def known(self, scope: str, name: str) -> KindSet:
+        """Likewise, of a variable that is local to the scope of this name, of a `GLOBAL`, or of a `RESULT`."""
+        return self._variables.get((scope, name), 0)
+
     def expression(self, scope: Scope, node: Expression) -> KindSet:
         """The kinds an expression may have."""
         match node:
@@ -203,7 +206,7 @@ class Kinds:
 
     def _result(self, scope: Scope, node: Call) -> KindSet:
         if node.name in self._program.functions:
-            return self._variables.get((_RESULT, node.name), 0)
+            return self._variables.get((RESULT, node.name), 0)
         if node.name == _LIST_MAKER and len(node.arguments) > 1:
             return _list_of(self.expression(scope, node.arguments[1]))
         builtin = self._builtins.get(node.name)
@@ -240,8 +243,7 @@ def arithmetic(operator: str, left: KindSet, right: KindSet) -> KindSet:
     return left | right
 
 
-@dataclass(frozen=True, slots=True)
-class _Store:
+class _Store(NamedTuple):
     """A store: an expression assigned to a variable in a scope or, with ``part``, to one of its elements."""
 
     variable: Variable
@@ -312,7 +314,7 @@ def _constants(stores: Sequence[_Store]) -> Steps[dict[str, Expression]]:
     constants: dict[str, Expression] = {}
     for number, store in enumerate(stores, 1):
         scope, name = store.variable
-        if scope == _GLOBAL:
+        if scope == GLOBAL:
             if name in seen or store.part or store.value is None:
                 constants.pop(name, None)
             else:
@@ -329,10 +331,10 @@ def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_
     Yields None for a statement or call without a store, so that the caller can count the work.
     """
     if scope is not program.scope and not _always_returns(body):
-        yield _Store((_RESULT, scope.name), scope, None)
+        yield _Store((RESULT, scope.name), scope, None)
     for statement in all_statements(body):
         if isinstance(statement, Return):
-            yield _Store((_RESULT, scope.name), scope, statement.value, work=_work(statement))
+            yield _Store((RESULT, scope.name), scope, statement.value, work=_work(statement))
         elif isinstance(statement, Assign):
             yield _assignment(program, scope, statement)
         elif not isinstance(statement, (If, While)):
@@ -376,7 +378,7 @@ def _arguments(called: Scope, scope: Scope, call: Call) -> Iterator[_Store]:
 
 
 def _variable(program: Program, scope: Scope, name: str) -> Variable:
-    return (scope.name if is_local(program, scope, name) else _GLOBAL), name
+    return (scope.name if is_local(program, scope, name) else GLOBAL), name
 
 
 def _always_returns(body: list[Statement]) -> bool:

@@ -9,12 +9,14 @@ two statements on one line, or a statement and its ``end``, with nothing between
 """
 
 import re
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from urscript.errors import CompileError
 from urscript.expressions import BLOCK_ENDS
-from urscript.hints import END_WORDS, is_end_with_word, misplaced_end, unclosed_block
+from urscript.hints import is_end_with_word, is_like_end, misplaced_end, unclosed_block
 from urscript.recovery import RecoveringParser
 from urscript.syntax import (
     Assign,
@@ -25,6 +27,7 @@ from urscript.syntax import (
     FunctionDef,
     If,
     Index,
+    Kept,
     Label,
     Member,
     MethodCall,
@@ -85,7 +88,32 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
     errors are appended to that list instead, and the tree lacks the parts that did not parse.
     """
     tokens = yield from tokenize(source)
-    parser = _Parser(source, tokens, errors)
+    return (yield from parse_tokens(source, tokens, errors, statements=statements))
+
+
+class Included(NamedTuple):
+    """A def or thread that was parsed before, as a program of one statement, and the lines before it in a text."""
+
+    program: Program
+    kept: Kept
+    lines_before: int
+
+
+def parse_tokens(
+    source: str,
+    tokens: list[Token],
+    errors: list[CompileError] | None,
+    *,
+    statements: bool,
+    included: Mapping[int, Included] = MappingProxyType({}),
+    all_tokens: Callable[[], Sequence[Token]] | None = None,
+) -> Steps[Program]:
+    """Like `parse`, for the tokens of a text, which are released.
+
+    included: by the line on which each begins. Its tokens are left out, except for the first and the last one, which
+    the costs do not count; all_tokens: those of the whole text.
+    """
+    parser = _Parser(source, tokens, errors, included=included, all_tokens=all_tokens)
     error: CompileError | None = None
     try:
         program = yield from parser.statements() if statements else parser.program()
@@ -94,7 +122,8 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
     yield from release(tokens)
     if error is None:
         return program
-    yield from discard(parser.syntax)
+    if not included:
+        yield from discard(parser.syntax)
     try:
         raise error
     finally:
@@ -127,10 +156,18 @@ def parse_statements(source: str) -> Steps[Program]:
 
 class _Parser(RecoveringParser):
     def __init__(
-        self, source: str, tokens: list[Token], errors: list[CompileError] | None, *, inner: bool = False
+        self,
+        source: str,
+        tokens: list[Token],
+        errors: list[CompileError] | None,
+        *,
+        inner: bool = False,
+        included: Mapping[int, Included] = MappingProxyType({}),
+        all_tokens: Callable[[], Sequence[Token]] | None = None,
     ) -> None:
-        super().__init__(source, tokens, errors)
+        super().__init__(source, tokens, errors, all_tokens)
         self._inner = inner  # parsing statements for an existing scope
+        self._included = included
         body: list[Statement] = []
         self.syntax = Program("statement", "", body, self.scope, {}, {}, [], self.damaged, [body], [self.scope])
         self._blocks = 0
@@ -206,8 +243,10 @@ class _Parser(RecoveringParser):
     def _at_end_word(self) -> bool:
         """True at an ``endif`` or similar, which ends a block when looking for more errors."""
         token = self.token
-        alone = token.text in END_WORDS and self.tokens[self.at + 1].after_newline
-        return alone and self.recovering and token.after_newline
+        alone = (
+            self.recovering and token.kind == "name" and token.after_newline and self.tokens[self.at + 1].after_newline
+        )
+        return alone and is_like_end(self.tokens, self.at)
 
     def _open_block(self) -> Steps[list[Statement]]:
         """Read statements up to the word that ends the block, which the caller consumes."""
@@ -365,6 +404,9 @@ class _Parser(RecoveringParser):
         return While(token.line, token.column, condition, body)
 
     def _function(self, token: Token) -> Steps[Statement]:
+        if token.line in self._included and self.token.kind == "end":
+            self.take()
+            return self._include(token, *self._included[token.line])
         outer, outer_loops = self.scope, self._loops
         self.scope, self._loops = Scope("", is_thread=token.kind == "thread"), 0
         self.syntax.scopes.append(self.scope)
@@ -373,11 +415,35 @@ class _Parser(RecoveringParser):
         body = yield from self._block(f"to close the {token.kind} on line {token.line}")
         self.scope.cost += self.at - first
         function = FunctionDef(token.line, token.column, self.scope, body)
-        if len(self.syntax.functions) >= _MAX_FUNCTIONS:
-            self.fail(f"the program has more than {_MAX_FUNCTIONS} defs and threads", token)
-        self.syntax.functions[self.scope.name] = function  # a second def of a name replaces the first
+        self._define({self.scope.name: function}, token)
         self.scope, self._loops = outer, outer_loops
         return function
+
+    def _define(self, functions: Mapping[str, FunctionDef], token: Token) -> None:
+        if len(self.syntax.functions) + len(functions) > _MAX_FUNCTIONS:
+            self.fail(f"the program has more than {_MAX_FUNCTIONS} defs and threads", token)
+        self.syntax.functions |= functions  # a second def of a name replaces the first
+
+    def resume_at(self, start: int, at: int) -> None:
+        """Continue at a token; those from `start` on did not parse."""
+        if self._included:
+            for token in self.tokens[start:at]:
+                if token.kind in ("def", "thread") and token.line in self._included:
+                    self.damaged.update(self._included[token.line].kept.words)
+        super().resume_at(start, at)
+
+    def _include(self, token: Token, program: Program, kept: Kept, lines_before: int) -> Statement:
+        """Put in a def or thread, of which the first token and the last one have been read."""
+        syntax = self.syntax
+        moved = {
+            name: replace(function, lines_before=function.lines_before + lines_before, kept=kept)
+            for name, function in program.functions.items()
+        }
+        self._define(moved, token)
+        syntax.globals |= program.globals
+        syntax.labels += program.labels
+        syntax.scopes += program.scopes[1:]
+        return program.body[0]
 
     def _signature(self, token: Token) -> None:
         self.scope.name = self.expect("name", f"after {token.kind}").text

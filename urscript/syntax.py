@@ -2,19 +2,22 @@
 
 Every node has the line and column (from 1) that an error about it should point at. A `Scope` collects, for the program
 body and for each def and thread, the information that later stages need.
+
+Nodes are equal if they mean the same, wherever they are and whatever they cost.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 ProgramKind: TypeAlias = Literal["program", "secondary", "statement"]
 
 
 @dataclass(slots=True)
 class Node:
-    line: int
-    column: int
+    line: int = field(compare=False)
+    column: int = field(compare=False)
 
 
 @dataclass(slots=True)
@@ -120,34 +123,34 @@ def parts(node: Expression) -> tuple[list[Expression], list[Expression]]:
 class Assign(Node):
     target: Name | Index | Member
     value: Expression
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
 class ExpressionStatement(Node):
     value: Expression
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
 class If(Node):
     branches: list[tuple[Expression, list["Statement"]]]
     otherwise: list["Statement"]
-    cost: int = 0
-    own_cost: int = 0  # without the loops
+    cost: int = field(default=0, compare=False)
+    own_cost: int = field(default=0, compare=False)  # without the loops
 
 
 @dataclass(slots=True)
 class While(Node):
     condition: Expression
     body: list["Statement"]
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
 class Return(Node):
     value: Expression | None
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
@@ -155,7 +158,7 @@ class Word(Node):
     """A statement of a single keyword: break, continue, halt, enter_critical, exit_critical."""
 
     word: str
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
@@ -164,7 +167,7 @@ class ThreadControl(Node):
 
     word: str
     handle: Expression
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
@@ -172,7 +175,7 @@ class Label(Node):
     number: int
     text: str
     option: str  # "", "breakAfter", "noBreak"
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
@@ -194,14 +197,30 @@ class Scope:
     methods: list[MethodCall] = field(default_factory=list)
     loops: bool = False
     waits: bool = False  # contains a join, a label or a method call
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
+
+
+@dataclass(slots=True, eq=False)
+class Kept:
+    """What is known of a text that was parsed on its own, for as long as the text is kept (`urscript.blocks`).
+
+    words: how often each name occurs in it. found: problems of its defs; see `urscript.dependencies`.
+    """
+
+    words: Counter[str]
+    found: dict[Any, Any] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
 class FunctionDef(Node):
+    """A def or thread. lines_before: by how many its lines, and those of all nodes in it, are too small in a program
+    into which it was put after it had been parsed; kept: with what."""
+
     scope: Scope
     body: list["Statement"]
-    cost: int = 0
+    cost: int = field(default=0, compare=False)
+    lines_before: int = field(default=0, compare=False)
+    kept: Kept | None = field(default=None, compare=False)
 
 
 Statement: TypeAlias = Assign | ExpressionStatement | If | While | Return | Word | ThreadControl | Label | FunctionDef
@@ -225,8 +244,9 @@ def all_statements(body: Iterable[Statement]) -> Iterator[Statement]:
         if isinstance(statement, FunctionDef):
             continue
         yield statement
-        for block in reversed(blocks(statement)):
-            waiting += reversed(block)
+        if isinstance(statement, If | While):
+            for block in reversed(blocks(statement)):
+                waiting += reversed(block)
 
 
 @dataclass(slots=True)
@@ -241,3 +261,4 @@ class Program:
     damaged: set[str]  # names in text that did not parse
     blocks: list[list[Statement]]  # all lists of statements, for `urscript.parser.discard`
     scopes: list[Scope]
+    words: Counter[str] = field(default_factory=Counter)  # if `urscript.blocks` read it: how often each name occurs

@@ -1,7 +1,8 @@
 """The tokenizer.
 
 Newlines are white space. A token only records whether a newline came before it outside brackets, which the parser needs
-in three places (calls, indexing, bare ``return``).
+in three places (calls, indexing, bare ``return``). A keyword that begins a statement ends brackets that were never
+closed, so a mistake in one statement does not change the tokens of the next block.
 
 The only error raised here is for an excessively long token. A character that cannot start a token becomes an
 ``invalid`` token, so that the parser reports the first mistake in the text rather than the first invalid character.
@@ -19,6 +20,9 @@ def end thread sec if elif else while break continue return halt global local ru
 enter_critical exit_critical and or xor not True False None
 """
 KEYWORDS = frozenset(_KEYWORDS.split())
+IN_EXPRESSIONS = frozenset(["and", "or", "xor", "not", "True", "False", "None", "run"])
+STATEMENT_WORDS = KEYWORDS - IN_EXPRESSIONS - {"sec"}
+"""Keywords that never stand within brackets; ``sec`` is also a member of what time() returns."""
 
 _TOKEN = re.compile(
     r"""[ \t\r\f\v]{0,1000}(?:
@@ -87,6 +91,8 @@ def tokenize(source: str) -> Steps[list[Token]]:
             message = f"syntax error: this {group} is longer than {_LONGEST - 2} characters"
             raise CompileError.syntax(message, line, column, source)
         if group == "name":
+            if text in STATEMENT_WORDS:
+                fresh, depth = fresh or line > end_line, 0
             add(_NEW(Token, (text if text in KEYWORDS else group, text, line, column, fresh)))
         elif group == "operator":
             depth = max(0, depth + (text in "([") - (text in ")]"))

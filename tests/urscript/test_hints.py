@@ -111,6 +111,7 @@ def test_a_habit_is_answered_with_what_to_write(line, column, hint):
 
 
 # text; place and message of everything that is found
+TOO_MANY = "syntax error: this 'end' closes the 'if' on line 2, unlike the indentation: there is one 'end' too many"
 BLOCKS = [
     (
         "def f():\n  if True:\n    sync()\n  end if\n  sync()\nend\n",
@@ -138,25 +139,34 @@ BLOCKS = [
     ),
     (
         "def f():\n  while True:\n    if True:\n      sync()\n    sync()\n  end\nend\n",
-        [(3, 5, "syntax error: the 'if' on line 3 has no 'end', judging by the indentation of line 5")],
+        [(5, 5, "syntax error: the 'if' on line 3 has no 'end', judging by the indentation of line 5")],
     ),
     (
         "def f():\n  while True:\n    if True:\n      sync()\n  end\nend\n",
-        [(3, 5, "syntax error: the 'if' on line 3 has no 'end', judging by the indentation of line 5")],
+        [(5, 3, "syntax error: the 'if' on line 3 has no 'end', judging by the indentation of line 5")],
     ),
     (
         "def f():\n  def g(x):\n    return x\n  y = g(1)\nend\n",
-        [(2, 3, "syntax error: the 'def' on line 2 has no 'end', judging by the indentation of line 4")],
+        [(4, 3, "syntax error: the 'def' on line 2 has no 'end', judging by the indentation of line 4")],
     ),
     (
         "def f():\n  if True:\n    sync()\n    end\n    sync()\n  end\nend\n",
+        [(4, 5, TOO_MANY)],
+    ),
+    (  # a line that is indented less is none of the end's business, if it is where it should be
+        "def f():\n  if True:\n  sync()\n    sync()\n  end\n  while True:\n    sync()\n  sync()\nend\n",
+        [(8, 3, "syntax error: the 'while' on line 6 has no 'end', judging by the indentation of line 8")],
+    ),
+    (
+        "def f():\n  if True:\n    sync()\n  end\n    sync()\n  end\nend\n",
+        [(4, 3, TOO_MANY)],
+    ),
+    (  # a misspelt header opens its block all the same
+        "def f():\n  whle True:\n    sync()\n  end\n  de\n    sync()\n  end\n  if True:\n    sync()\n  ned\nend\n",
         [
-            (
-                4,
-                5,
-                "syntax error: this 'end' closes the 'if' on line 2 but is indented further: "
-                "there is one 'end' too many",
-            )
+            (2, 8, "syntax error at 'True': expected '='"),
+            (6, 5, "syntax error at 'sync': expected '='"),
+            (10, 3, "syntax error at 'ned': a block ends with 'end' alone"),
         ],
     ),
     (
@@ -254,7 +264,7 @@ def test_a_controller_reports_where_it_noticed_and_the_check_where_it_is():
     error = caught.value
     assert (error.line, error.column, error.wire) == (7, 4, "syntax_error_on_line:7:end:")
     assert "the 'if' on line 3 has no 'end'" in error.message
-    assert problems(text)[0][:2] == (3, 5)
+    assert problems(text)[0][:2] == (5, 5)
 
 
 # a line in a program where `a` is 1; column, what is said

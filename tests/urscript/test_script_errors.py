@@ -589,11 +589,11 @@ FILES = [
     ("def f():\n  z = (2\n  y = z\nend\n", [(2, 9)]),
     ("def f():\n  def g(a=1, b):\n    return a + b + w\n  end\n  g(1, 2, 3)\nend\n", [(2, 14), (3, 20)]),
     ("def f():\n  while True\n    sync()\n  else:\n    nope()\n  end\nend\n", [(2, 13), (4, 3), (5, 5)]),
-    ("def f():\n  if True:\n    x = nope\nend\n", [(2, 3), (3, 9)]),
+    ("def f():\n  if True:\n    x = nope\nend\n", [(3, 9), (4, 1)]),
     ("def f():\n  x = 1\n  end\n  y = x\n  movej(y)\nend\n", [(3, 3)]),
     ("def f():\n  if True:\n    x = nope\n  endif\n  y = nope\nend\n", [(3, 9), (4, 3), (5, 7)]),
     ("def f():\nx = 1\nend\ny = x\nmovej(y)\nend\n", [(6, 1)]),  # no indentation tells more
-    ('def f():\n  textmsg("a)\n  y = 2\n  textmsg("b")\nend\n', [(4, 12)]),
+    ('def f():\n  textmsg("a)\n  y = 2\n  textmsg("b")\nend\n', [(2, 11)]),
     ("# comment\n\nx = nope()\ny = norm(1, other)\n", [(3, 5), (4, 5), (4, 13)]),
     ("def f(1):\n  break\n  thread t(b):\n    x = nope\n  end\nend\n", [(1, 7), (2, 3), (3, 12), (4, 9)]),
     ("def a():\n  x = nope\nend\ndef b():\n  y = (\nend\n", [(2, 7), (6, 1)]),
@@ -637,6 +637,12 @@ def test_errors_in_the_text_of_a_script_node_are_where_they_are_in_the_file(comp
         compiled(unit.text)
     assert [file.located(caught.value, unit).column] == [18]
     assert [problem.column for problem in file.problems(LIBRARY_SET, NEWEST)] == [18]
+
+
+def test_lines_named_in_a_message_are_those_of_the_file():
+    text = "# a comment\n\ndef f():\n  if True:\n    sync()\n  sync()\nend\n"
+    (problem,) = ScriptFile("f", text.encode()).problems(LIBRARY_SET, NEWEST)
+    assert problem.message.endswith("the 'if' on line 4 has no 'end', judging by the indentation of line 6")
 
 
 @pytest.mark.parametrize(("text", "places"), FILES)
@@ -713,7 +719,7 @@ _REPORTERS = frozenset(
 # (file, function): why no program reaches it
 _OUT_OF_REACH = {
     **dict.fromkeys(
-        [("expressions.py", "another"), ("operators.py", "check_product_size"), ("parser.py", "_function")],
+        [("expressions.py", "another"), ("operators.py", "check_product_size"), ("parser.py", "_define")],
         "limits of size: test_bounds.py",
     ),
     ("recovery.py", "give_up"): "passes on what its callers say",

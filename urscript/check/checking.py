@@ -1,22 +1,27 @@
 """The findings of sources, for one PolyScope version or several."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import Final
 
 from urproto.versions import PolyscopeVersion
+from urscript.blocks import Blocks
 from urscript.check.names import owner_of
 from urscript.check.project import Project
 from urscript.check.rules import RULES
 from urscript.check.rules.compiler import BROKEN_NODE, STALE, code_of
+from urscript.check.rules.registry import Rule
 from urscript.check.signatures import libraries
 from urscript.check.sources import Source
-from urscript.check.subject import Subject
+from urscript.check.subject import Body, Subject
 from urscript.compile_expressions import Unit
 from urscript.compiler import Known
+from urscript.dependencies import Dependencies
 from urscript.errors import CompileError, ScriptError, ScriptWarning
+from urscript.syntax import Node
 
 _COMMENT: Final = re.compile("#|//")
 _IGNORE: Final = re.compile(r"\burscript:[ \t]{0,9}ignore(-file)?\[([\w, \t]{0,999})\]")
@@ -42,16 +47,23 @@ class Finding:
 
 
 def findings(
-    sources: Mapping[PolyscopeVersion, Sequence[Source]], project: Project, *, only_stale: bool = False
+    sources: Mapping[PolyscopeVersion, Sequence[Source]],
+    project: Project,
+    *,
+    only_stale: bool = False,
+    blocks: Blocks | None = None,
 ) -> list[Finding]:
     """What is found in a file for each version, in the order of its text.
 
     only_stale: of a program tree, only what its saved script lacks, because that script is checked itself.
+    blocks: those of earlier states of the file.
     """
     merged: dict[tuple[int, int, str], Finding] = {}
     for version, row in sources.items():
         for source in row:
-            for found in chain(_stale(source, project), () if only_stale else _in_source(source, version, project)):
+            for found in chain(
+                _stale(source, project), () if only_stale else _in_source(source, version, project, blocks)
+            ):
                 key = (found.line, found.column, found.code)
                 known = merged.get(key, found)
                 versions = known.versions if version in known.versions else (*known.versions, version)
@@ -64,7 +76,7 @@ def _stale(source: Source, project: Project) -> Iterable[Finding]:
         yield Finding(source.name, line, 1, STALE, message)
 
 
-def _in_source(source: Source, version: PolyscopeVersion, project: Project) -> Iterable[Finding]:
+def _in_source(source: Source, version: PolyscopeVersion, project: Project, blocks: Blocks | None) -> Iterable[Finding]:
     if source.broken_nodes:
         for line, message in source.broken_nodes if project.selects(BROKEN_NODE) else ():
             yield Finding(source.name, line, 1, BROKEN_NODE, message)
@@ -72,16 +84,14 @@ def _in_source(source: Source, version: PolyscopeVersion, project: Project) -> I
     outside = project.known
     variables = {*outside.variables, *source.variables}
     known = Known(outside.functions, variables, {*outside.undecided, *source.placeholders})
-    selected = [rule for rule in RULES.values() if rule.find is not None and project.selects(rule.code)]
+    selected = [rule for rule in RULES.values() if project.selects(rule.code)]
     complete = not (source.script.inlined or source.open or source.placeholders or source.in_tests)
 
-    def inspect(unit: Unit) -> Iterable[ScriptWarning]:
+    def inspect(unit: Unit, dependencies: Dependencies) -> Iterable[ScriptWarning]:
         subject = Subject(unit, complete and unit.program.kind == "program" and bool(unit.program.body))
-        for rule in selected:
-            for node, message in rule.find(subject) if rule.find else ():
-                yield ScriptWarning(message, node.line, node.column, unit.source, rule.code)
+        yield from _broken(selected, subject, dependencies)
 
-    problems = source.script.problems(libraries(in_tests=source.in_tests), version, known, inspect)
+    problems = source.script.problems(libraries(in_tests=source.in_tests), version, known, inspect, blocks)
     in_file, by_line = _ignored(source.lines)
     for problem in problems:
         code, place = code_of(problem), source.place(problem.line, problem.column)
@@ -90,6 +100,29 @@ def _in_source(source: Source, version: PolyscopeVersion, project: Project) -> I
         line, column, text = place
         if not code.startswith((*in_file, *by_line.get(line, ()))):
             yield Finding(source.name, line, column, code, _hinted(problem), text)
+
+
+def _broken(rules: Sequence[Rule], subject: Subject, dependencies: Dependencies) -> Iterator[ScriptWarning]:
+    """The violations of some rules."""
+    in_body = [(rule.code, rule.find_in_body) for rule in rules if rule.find_in_body]
+    topic = tuple(code for code, _ in in_body)
+
+    def warning(code: str, node: Node, message: str) -> ScriptWarning:
+        return ScriptWarning(message, node.line, node.column, subject.unit.source, code)
+
+    def inside(body: Body) -> list[ScriptWarning]:
+        return [warning(code, *found) for code, find in in_body for found in find(subject, body)]
+
+    for rule in rules:
+        for body, node, message in rule.find(subject) if rule.find else ():
+            found = warning(rule.code, node, message)
+            found.line += body.lines_before
+            yield found
+    for body in subject.bodies:
+        if body.function is None:
+            yield from inside(body)
+        else:
+            yield from dependencies.found(topic, body.function, partial(inside, body), subject.timing.functions.get)
 
 
 def _may_follow(problem: ScriptError, source: Source) -> bool:
@@ -102,7 +135,7 @@ def _may_follow(problem: ScriptError, source: Source) -> bool:
 def _hinted(problem: ScriptError) -> str:
     """The message; for a function of a URCap, with what to write in the project file."""
     if isinstance(problem, CompileError) and problem.unknown_name:
-        name = problem.wire.split(":")[1]
+        name = problem.missing_name
         owner = owner_of(name) if problem.message.startswith(f"function {_HINTED % name}") else ""
         if owner:
             return f'{problem.message}; where the URCap is installed, write urcaps = ["{owner}"] in the project file'

@@ -2,8 +2,8 @@
 
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
@@ -11,20 +11,20 @@ from typing import Final
 
 from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion
+from urscript.blocks import Blocks
 from urscript.builtins import Builtin
 from urscript.check.checking import Finding, findings
 from urscript.check.project import Project
 from urscript.check.rules.variables import type_in_words
 from urscript.check.signatures import libraries, result_word
-from urscript.check.sources import SCRIPTS, Source, sources_in
-from urscript.editor.symbols import Block, Occurrence, Scope, Symbols
+from urscript.check.sources import SCRIPTS, sources_in
+from urscript.editor.symbols import Occurrence, Scope, Symbols
 from urscript.editor.text import Places
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
 from urscript.inference import Kinds, infer_kinds
-from urscript.parser import parse
 from urscript.syntax import Program
-from urscript.tokens import Token, tokenize
+from urscript.tokens import Token
 from urscript.work import run_to_end
 
 LARGEST: Final = 1 << 20
@@ -32,21 +32,24 @@ LARGEST: Final = 1 << 20
 
 _SURROGATE: Final = re.compile("[\ud800-\udfff]")
 _PLACE: Final = attrgetter("line", "column")
-_NEAR: Final = 40_000  # characters of the longest part that is checked alone
-_PROGRAM_BEFORE: Final = "def near():\n"
-_NEEDS_THE_REST: Final = "not inside a loop"
 
 
 @dataclass(eq=False)
 class Document:
-    """A text and its project. versions: those it is checked for; the first one decides what is offered."""
+    """A text and its project. versions: those it is checked for; the first one decides what is offered.
+
+    blocks: those of its earlier states. number: of its state, if the editor counts them.
+    """
 
     path: Path
     text: str
     project: Project
     versions: Sequence[PolyscopeVersion]
+    blocks: Blocks = field(default_factory=Blocks)
+    number: int | None = None
 
     def __post_init__(self) -> None:
+        self.blocks.next_text()
         self.text = _SURROGATE.sub("\ufffd", self.text) if len(self.text) <= LARGEST else ""  # of the same width
 
     # names
@@ -60,9 +63,9 @@ class Document:
     def tokens(self) -> list[Token]:
         """Its tokens; only the last one if one is too long."""
         try:
-            return run_to_end(tokenize(self.text))
+            return self.blocks.tokens(self.text)
         except CompileError:
-            return run_to_end(tokenize(""))
+            return self.blocks.tokens("")
 
     @cached_property
     def script(self) -> ScriptFile:
@@ -120,64 +123,7 @@ class Document:
         """All findings. Raises SourceError and ProjectError."""
         data, name = to_bytes(self.text), str(self.path.with_suffix(SCRIPTS[0]))
         sources = {version: sources_in(name, data, self.project, version) for version in self.versions}
-        return findings(sources, self.project)
-
-    def findings_near(self, base: "Document", known: Sequence[Finding]) -> list[Finding] | None:
-        """The findings of an earlier version, those near what has changed since renewed; None if that is too much.
-
-        What is near is the statements around the change up to the next blocks, or the block whose header has changed.
-        The names of the earlier version count as defined.
-        """
-        first, last, grown = _changed(base.text, self.text)
-        start, end, scope = base.part_around(first, last)
-        if end + grown - start > _NEAR:
-            return None
-        lines = self.text.split("\n")
-        before = self.places.line(start) - 1
-        text = (
-            f"{_PROGRAM_BEFORE}{' ' * (start - self.places.offset(before + 1, 1))}{self.text[start : end + grown]}\nend"
-        )
-        until = text.count("\n") - 1
-        names = {*scope.variables, *scope.unit.functions}
-
-        def place(line: int, column: int) -> tuple[int, int, str] | None:
-            at = line - 1 + before
-            return (at, column, lines[at - 1]) if 1 < line <= until + 1 else None
-
-        source = Source(str(self.path), ScriptFile("near", to_bytes(text)), place, lines, names)
-        found = findings({version: [source] for version in self.versions}, self.project)
-        old = range(before + 1, base.places.line(end) + 1)
-        more = len(lines) - base.text.count("\n") - 1
-        kept = [
-            replace(one, line=one.line if one.line < old.start else one.line + more)
-            for one in known
-            if one.line not in old
-        ]
-        return sorted([*kept, *(one for one in found if _NEEDS_THE_REST not in one.message)])
-
-    def part_around(self, first: int, last: int) -> tuple[int, int, Scope]:
-        """The part of the text that is checked alone when the text between two offsets changes, and its scope."""
-        start, end, scope = 0, len(self.text), self.symbols.scopes[0]
-        blocks = [(self._inside(block), block) for block in self.symbols.blocks]
-        around = [(inside, block) for inside, block in blocks if inside[0] <= first and last <= inside[1]]
-        if around:
-            (start, end), block = max(around, key=lambda one: one[0][0])
-            scope = self.symbols.scope_at(block.first + 1)
-        for _, block in blocks:
-            outer, inner = self.span(block.first)[0], self.span(block.last)[1]
-            if start <= outer and inner <= end:
-                if inner < first:
-                    start = max(start, inner)
-                elif outer > last:
-                    end = min(end, outer)
-        return start, end, scope
-
-    def _inside(self, block: Block) -> tuple[int, int]:
-        """The offsets between the header of a block and its end."""
-        colon = block.first
-        while colon < block.last and self.tokens[colon].kind != ":":
-            colon += 1
-        return self.span(colon)[1], self.span(block.last)[0]
+        return findings(sources, self.project, blocks=self.blocks)
 
     def first_token(self, finding: Finding) -> int:
         """The index of the token at a finding, or else of the next one."""
@@ -196,7 +142,7 @@ class Document:
         found = []
         for unit in self.script.units:
             try:
-                program = run_to_end(parse(unit.text, []))
+                program = self.blocks.parse(unit.text, [])
                 found.append((program, run_to_end(infer_kinds(program, self.builtins))))
             except (CompileError, RecursionError):
                 continue
@@ -257,16 +203,3 @@ def about_builtin(builtin: Builtin) -> str:
 
 def _markdown(code: str, *paragraphs: str) -> str:
     return "\n\n".join([f"```urscript\n{code}\n```", *filter(None, paragraphs)])
-
-
-def _common(most: int, equal: Callable[[int], bool]) -> int:
-    """The greatest number up to a limit for which something holds that holds for all smaller ones."""
-    return bisect_left(range(1, most + 1), True, key=lambda n: not equal(n))
-
-
-def _changed(old: str, new: str) -> tuple[int, int, int]:
-    """Between which offsets of an old text another one differs, and by how many characters it is longer."""
-    most = min(len(old), len(new))
-    first = _common(most, lambda n: old[:n] == new[:n])
-    last = _common(most - first, lambda n: not n or old[-n:] == new[-n:])
-    return first, len(old) - last, len(new) - len(old)

@@ -1,11 +1,12 @@
 """The language server: what editors ask, answered from `urscript.editor.document`.
 
 A handler converts places and nothing else. Editors send the whole text at each change, which spares keeping a copy in
-step with theirs. The checker runs in a thread, one text at a time; until it is done with a long text, what has changed
-is checked alone.
+step with theirs. The checker runs in a thread, one text at a time. What both read of a text is kept for the next one,
+block by block (`urscript.blocks`).
 """
 
 import asyncio
+import gc
 import logging
 import os
 import sys
@@ -23,6 +24,7 @@ from pygls.protocol import LanguageServerProtocol
 from pygls.uris import from_fs_path, to_fs_path
 
 from urproto.entry import SUCCESS
+from urscript.blocks import Blocks
 from urscript.check.checking import Finding
 from urscript.check.command import chosen_versions
 from urscript.check.project import ProjectError, project_of
@@ -37,9 +39,8 @@ from urscript.methods import METHOD_HINTS
 from urscript.tokens import KEYWORDS
 
 _NAME: Final = "urscript"
-_LONG: Final = 20_000  # characters from which a text is checked near its changes first
-_IDLE_S: Final = 0.4  # after the last key, for a long text
-_PAUSE_S: Final = 0.05  # likewise, for others
+_PAUSE_S: Final = 0.02  # after the last key, before a text is checked
+_COLLECTED: Final = 50_000  # objects; a long text has as many, and a collection looks at all that are kept of it
 _MOST_FILES: Final = 500  # of a project that are searched for a name
 _TOKEN_TYPES: Final = ("function", "variable", "parameter", "property", "method")
 _MODIFIERS: Final = ("declaration", "defaultLibrary")
@@ -81,16 +82,18 @@ class Server(LanguageServer):
         self.tasks: dict[str, asyncio.Task[None]] = {}
         self.checker = ThreadPoolExecutor(1)
 
-    def read(self, uri: str, text: str) -> Document:
+    def read(self, uri: str, text: str, number: int | None = None) -> Document:
         """A document with the settings of its project. Raises ProjectError and ValueError."""
         path = Path(to_fs_path(uri) or "untitled.script")
         project = project_of(path.absolute().parent)
-        return Document(path, text, project, chosen_versions(self.options, project))
+        before = self.documents.get(uri)
+        blocks = before.blocks if before is not None and before.project is project else Blocks()
+        return Document(path, text, project, chosen_versions(self.options, project), blocks, number)
 
-    def open(self, uri: str, text: str) -> None:
+    def open(self, uri: str, text: str, number: int | None) -> None:
         """Take a new text of a document, and check it a little later."""
         try:
-            self.documents[uri] = self.read(uri, text)
+            self.documents[uri] = self.read(uri, text, number)
         except (ProjectError, ValueError) as error:
             self.documents.pop(uri, None)
             self.publish(uri, None, [], str(error))
@@ -109,13 +112,8 @@ class Server(LanguageServer):
 
     async def _check(self, uri: str, document: Document) -> None:
         try:
-            if len(document.text) > _LONG and uri in self.checked:
-                base, known = self.checked[uri]
-                near = document.findings_near(base, known)
-                if near is not None:
-                    self.publish(uri, document, near)
-            await asyncio.sleep(_IDLE_S if len(document.text) > _LONG else _PAUSE_S)
-            found = await asyncio.get_running_loop().run_in_executor(self.checker, _findings, document)
+            await asyncio.sleep(_PAUSE_S)
+            found = await asyncio.get_running_loop().run_in_executor(self.checker, document.findings)
         except (SourceError, ProjectError) as error:
             self.publish(uri, document, [], str(error))
             return
@@ -131,7 +129,8 @@ class Server(LanguageServer):
         start = types.Range(types.Position(0, 0), types.Position(0, 0))
         if problem:
             shown = [types.Diagnostic(start, problem, types.DiagnosticSeverity.Error, source=_NAME)]
-        self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, shown))
+        number = document.number if document else None
+        self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, shown, number))
 
     def related(self, document: Document) -> Iterator[tuple[str, Document]]:
         """All files of the document's project, as they are open, with their addresses; the document comes first."""
@@ -163,12 +162,6 @@ class Server(LanguageServer):
 
 def _is_included(document: Document) -> bool:
     return document.project.matches(document.project.include, document.path)
-
-
-def _findings(document: Document) -> list[Finding]:
-    found = document.findings()
-    _ = document.symbols.blocks  # here, in the checker's thread, because a change that follows needs them
-    return found
 
 
 def _reason(error: Exception) -> str:
@@ -233,17 +226,17 @@ def make_server(options: Namespace) -> Server:
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
     def opened(params: types.DidOpenTextDocumentParams) -> None:
-        server.open(params.text_document.uri, params.text_document.text)
+        server.open(params.text_document.uri, params.text_document.text, params.text_document.version)
 
     @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
     def changed(params: types.DidChangeTextDocumentParams) -> None:
-        server.open(params.text_document.uri, params.content_changes[-1].text)
+        server.open(params.text_document.uri, params.content_changes[-1].text, params.text_document.version)
 
     @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
     def saved(params: types.DidSaveTextDocumentParams) -> None:
         project_of.cache_clear()  # a project file, or a script that one includes, may have changed
         for uri, document in list(server.documents.items()):
-            server.open(uri, document.text)
+            server.open(uri, document.text, document.number)
 
     @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
     def closed(params: types.DidCloseTextDocumentParams) -> None:
@@ -449,6 +442,8 @@ class _OneLine(logging.Formatter):
 
 def serve(options: Namespace) -> int:
     """Serve one editor on standard input and output; the exit status."""
+    gc.freeze()  # what has been imported stays
+    gc.set_threshold(_COLLECTED)
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_OneLine())
     logging.basicConfig(handlers=[handler], level=logging.WARNING)

@@ -5,12 +5,14 @@ They are found in the tokens rather than in the syntax tree, because a text that
 program, or declared ``global``, makes a name global; any other one is local to its def or thread.
 """
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 from urscript.expressions import BLOCK_ENDS
-from urscript.tokens import KEYWORDS, Token
+from urscript.tokens import IN_EXPRESSIONS, KEYWORDS, Token
 
 Role: TypeAlias = Literal["function", "thread", "variable", "parameter", "argument", "member", "method"]
 Key: TypeAlias = tuple[int, str, int, str]
@@ -18,8 +20,7 @@ Key: TypeAlias = tuple[int, str, int, str]
 
 _SCOPES: Final = frozenset(["def", "sec", "thread"])
 _BLOCKS: Final = _SCOPES | {"if", "while"}
-_IN_EXPRESSIONS: Final = frozenset(["and", "or", "xor", "not", "True", "False", "None", "run"])
-_STATEMENTS: Final = KEYWORDS - _IN_EXPRESSIONS
+_STATEMENTS: Final = KEYWORDS - IN_EXPRESSIONS
 """Keywords that end a bracket which was never closed."""
 _EVERYWHERE: Final = -1
 
@@ -162,7 +163,9 @@ class Symbols:
 
     def at_token(self, at: int) -> Occurrence | None:
         """The name that is a token."""
-        return next((found for found in self.occurrences if found.token == at), None)
+        place = bisect_left(self.occurrences, at, key=attrgetter("token"))
+        found = self.occurrences[place] if place < len(self.occurrences) else None
+        return found if found and found.token == at else None
 
     def scope_at(self, at: int) -> Scope:
         """The innermost scope around a token."""

@@ -1,13 +1,17 @@
-"""A program is damaged key by key while an editor asks: every request is answered, and nothing is logged."""
+"""Programs are damaged key by key: every request is answered, nothing is logged, findings are where the mistake is."""
 
 import json
 import random
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from tests.budget import examples
+from urscript.tokens import KEYWORDS, tokenize
+from urscript.work import run_to_end
 
 PROGRAM = """# a cell
 def cell():
@@ -54,7 +58,8 @@ class RawEditor:
     def __init__(self):
         command = [sys.executable, "-m", "urscript", "lsp", "--model", "ur5e"]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        self._number = 0
+        self.found = None, []
+        self._number = self._version = 0
         self.request("initialize", {"capabilities": {}})
 
     def send(self, message):
@@ -74,7 +79,22 @@ class RawEditor:
         while line := self.process.stdout.readline().strip():
             name, _, value = line.partition(b":")
             length = int(value) if name == b"Content-Length" else length
-        return json.loads(self.process.stdout.read(length))
+        message = json.loads(self.process.stdout.read(length))
+        if message.get("method") == "textDocument/publishDiagnostics":
+            self.found = message["params"]["version"], message["params"]["diagnostics"]
+        return message
+
+    def change(self, text):
+        self._version += 1
+        document = {"uri": URI, "version": self._version}
+        changes = {"textDocument": document, "contentChanges": [{"text": text}]}
+        self.send({"method": "textDocument/didChange", "params": changes})
+
+    def findings(self):
+        """The findings of the newest text: line, severity, message."""
+        while self.found[0] != self._version:
+            self._read()
+        return [(one["range"]["start"]["line"] + 1, one["severity"], one["message"]) for one in self.found[1]]
 
     def close(self):
         self.request("shutdown", None)
@@ -87,6 +107,8 @@ class RawEditor:
 @pytest.fixture
 def editor():
     made = RawEditor()
+    opened = {"uri": URI, "languageId": "urscript", "version": 0, "text": PROGRAM}
+    made.send({"method": "textDocument/didOpen", "params": {"textDocument": opened}})
     yield made
     made.process.kill()
     made.process.communicate()
@@ -113,23 +135,104 @@ def test_a_request_that_is_none_has_an_answer(editor):
 @pytest.mark.parametrize("count", [200, pytest.param(2000, marks=pytest.mark.long)])
 def test_every_request_is_answered(editor, count):
     chosen = random.Random(7)
-    document = {"uri": URI}
-    opened = {**document, "languageId": "urscript", "version": 0, "text": PROGRAM}
-    editor.send({"method": "textDocument/didOpen", "params": {"textDocument": opened}})
     text, wrong = PROGRAM, []
     for number in range(examples(count)):
         text = damage(PROGRAM if number % 8 == 0 else text, chosen)
-        change = {"textDocument": {**document, "version": number + 1}, "contentChanges": [{"text": text}]}
-        editor.send({"method": "textDocument/didChange", "params": change})
+        editor.change(text)
         place = {"line": chosen.randrange(32), "character": chosen.randrange(60)}
         method = chosen.choice(AT_A_PLACE if number % 2 else OF_A_TEXT)
         more = {
             "references": {"context": {"includeDeclaration": True}},
             "formatting": {"options": {"tabSize": 2, "insertSpaces": True}},
         }
-        params = {"textDocument": document, "position": place, **more.get(method, {})}
+        params = {"textDocument": {"uri": URI}, "position": place, **more.get(method, {})}
         answer = editor.request(f"textDocument/{method}", params)
         if "error" in answer:
             wrong.append((method, answer["error"]["message"], text))
     assert not wrong
+    assert editor.close() == ""
+
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+FILES = sorted([*EXAMPLES.glob("*.script"), *EXAMPLES.glob("cells/*/cell.script")])
+OTHER_LANGUAGES = {
+    **{"==": ["="], "and": ["&&"], "or": ["||"], "True": ["true"], "False": ["false"], "elif": ["else if"]},
+    "end": ["endif", "}", "end if"],
+}
+BRACKETS = dict(zip("()[]", "[]()", strict=True))
+
+
+def dropped(word, chosen):
+    at = chosen.randrange(len(word))
+    return word[:at] + word[at + 1 :]
+
+
+def swapped(word, chosen):
+    at = chosen.randrange(len(word) - 1)
+    return word[:at] + word[at + 1] + word[at] + word[at + 2 :]
+
+
+TOKEN_MISTAKES = [  # where a token can be replaced, and by what
+    (lambda token: token.kind == "name" and len(token.text) > 2, dropped),
+    (lambda token: token.kind == "name" and len(token.text) > 2, swapped),
+    (lambda token: token.kind in ("name", "number"), lambda word, chosen: ""),
+    (lambda token: token.kind in KEYWORDS, dropped),
+    (lambda token: token.kind in KEYWORDS, swapped),
+    (lambda token: token.kind in OTHER_LANGUAGES, lambda word, chosen: chosen.choice(OTHER_LANGUAGES[word])),
+    (lambda token: token.kind in ("(", ")", "[", "]", ",", ":", "=", "."), lambda word, chosen: ""),
+    (lambda token: token.kind in ("(", ")", "[", "]", ",", ":", "=", "."), lambda word, chosen: 2 * word),
+    (lambda token: token.kind in BRACKETS, lambda word, chosen: BRACKETS[word]),
+    (lambda token: token.kind == "string", lambda word, chosen: chosen.choice([word[1:], word[:-1]])),
+    (lambda token: token.kind == "number" and "." in token.text, lambda word, chosen: word.replace(".", ",")),
+]
+LINE_MISTAKES = [  # which lines, and what they become
+    (r" *end$", lambda line, chosen: []),
+    (r" *\S", lambda line, chosen: [f"{re.match(' *', line)[0]}end", line]),
+    (r" *(if|while|def|elif|thread) .", lambda line, chosen: [line[: chosen.randrange(len(line) // 2, len(line))]]),
+    (r".*# ?\w", lambda line, chosen: [line.replace("#", "", 1)]),
+]
+
+
+def mistaken(lines, chosen):
+    """The lines of a text with a mistake, and the number of its line."""
+    number = chosen.randrange(len(TOKEN_MISTAKES) + len(LINE_MISTAKES))
+    if number < len(LINE_MISTAKES):
+        pattern, change = LINE_MISTAKES[number]
+        at = chosen.choice([at for at, line in enumerate(lines) if re.match(pattern, line)])
+        return [*lines[:at], *change(lines[at], chosen), *lines[at + 1 :]], at + 1
+    fits, change = TOKEN_MISTAKES[number - len(LINE_MISTAKES)]
+    tokens = [token for token in run_to_end(tokenize("\n".join(lines))) if fits(token)] or [None]
+    if (token := chosen.choice(tokens)) is None:
+        return lines, 0
+    row, start = lines[token.line - 1], token.column - 1
+    row = row[:start] + change(token.text, chosen) + row[start + len(token.text) :]
+    return [*lines[: token.line - 1], row, *lines[token.line :]], token.line
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 5))])
+def test_mistakes_are_found_where_they_are(editor, seed):
+    """They are typed letter by letter. At least 90 % of the first findings are within two lines of the mistake."""
+    chosen, count = random.Random(seed), 500 if seed else 100
+    texts = [file.read_text().split("\n") for file in FILES]
+    known = []
+    for lines in texts:
+        editor.change("\n".join(lines))
+        known.append({message for _, _, message in editor.findings()})
+    found = near = 0
+    for number in range(examples(count)):
+        which = number % len(texts)
+        lines, place = mistaken(texts[which], chosen)
+        at = min(place, len(lines)) - 1
+        for end in sorted(chosen.randrange(len(lines[at]) + 1) for _ in range(3)):
+            editor.change("\n".join([*lines[:at], lines[at][:end], *lines[at + 1 :]]))
+        editor.change("\n".join(lines))
+        where = {"textDocument": {"uri": URI}, "position": {"line": at, "character": len(lines[at])}}
+        assert "error" not in editor.request("textDocument/completion", where)
+        new = [one for one in editor.findings() if one[2] not in known[which]]
+        if new and place:
+            found += 1
+            first, *_ = min(new, key=lambda one: (one[1], one[0]))  # errors before warnings
+            near += abs(first - place) <= 2
+    assert found > 0.8 * count
+    assert near >= 0.9 * found, f"{near} of {found}"
     assert editor.close() == ""

@@ -1,4 +1,5 @@
-"""The rules. To add one, write a function with ``@rule`` in one of these modules, and a row of its test."""
+"""The rules. To add one, write a function with ``@body_rule`` or ``@rule`` in one of these modules, and a row of its
+test."""
 
 from urscript.check.rules import compiler, loops, motion, texts, variables
 from urscript.check.rules.registry import RULES

@@ -1,17 +1,15 @@
 """Rules on loops: whether they take time, and what they do in each pass."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
-from urscript.check.rules.registry import rule
-from urscript.check.subject import Subject, argument, calls, inner, is_true, names, own_expressions
+from urscript.check.rules.registry import body_rule
+from urscript.check.subject import END, Body, Subject, argument, calls, inner, is_true, names, own_expressions
 from urscript.inference import root
 from urscript.literals import literal_value
 from urscript.syntax import (
     Assign,
     Call,
-    Expression,
-    FunctionDef,
     If,
     MethodCall,
     Node,
@@ -26,8 +24,6 @@ from urscript.syntax import (
 )
 from urscript.values import is_number
 
-_END, _BREAK, _LEAVE = "end", "break", "leave"  # how a pass of a loop may end without having taken time
-
 _QUICK: Final = frozenset(["popup", "textmsg", "sync", "sleep"])
 _READS: Final = {
     "socket_read_ascii_float": 2,
@@ -38,79 +34,16 @@ _READS: Final = {
 }
 """Functions that wait 2 s for data unless a timeout is given, with the position of that argument."""
 
-_DEEPEST: Final = 30  # calls within calls that are followed
 _SHORT_S: Final = 0.02  # guess: no servo period is longer
 _READABLE_S: Final = 0.5  # guess: time between two popups that an operator could follow
 
 
-class _Timing:
-    """Which statements surely take time."""
-
-    def __init__(self, subject: Subject) -> None:
-        self._unit = subject.unit
-        self._known: dict[str, bool] = {}
-        self._depth = 0
-
-    def takes(self, nodes: Iterable[Expression]) -> bool:
-        """Whether evaluating some expressions takes time; what is not known is taken to."""
-        return any(
-            isinstance(node, MethodCall) or (isinstance(node, Call) and self._call_takes(node.name))
-            for node in inner(nodes)
-        )
-
-    def _call_takes(self, name: str) -> bool:
-        if name not in self._known:
-            self._known[name] = True  # also for recursion
-            function = self._unit.program.functions.get(name)
-            builtin = self._unit.builtins.get(name)
-            if function is not None and self._depth < _DEEPEST:
-                self._depth += 1
-                self._known[name] = not self.idle(function.body)
-                self._depth -= 1
-            elif function is None and name not in self._unit.plans and builtin is not None:
-                self._known[name] = builtin.takes_time
-        return self._known[name]
-
-    def idle(self, statements: Sequence[Statement]) -> set[str]:
-        """How a pass through some statements may end without having taken time; empty if it cannot."""
-        found: set[str] = set()
-        for statement in statements:
-            match statement:
-                case FunctionDef():
-                    continue
-                case Word(word="break"):
-                    return found | {_BREAK}
-                case Word(word="continue"):
-                    return found | {_END}
-                case Word(word="halt"):
-                    return found | {_LEAVE}
-                case ThreadControl(word="join"):
-                    return found
-            evaluated = own_expressions(statement)
-            if self.takes(evaluated[:1] if isinstance(statement, If) else evaluated):
-                return found
-            match statement:
-                case Return():
-                    return found | {_LEAVE}
-                case If():
-                    ends = set[str]().union(*map(self.idle, blocks(statement)))
-                    found |= ends - {_END}
-                    if _END not in ends:
-                        return found
-                case While():
-                    ends = self.idle(statement.body)
-                    found |= ends & {_LEAVE}
-                    if is_true(statement.condition) and _BREAK not in ends:
-                        return found
-        return found | {_END}
-
-
-@rule("URS301", "loop-takes-no-time")
-def endless(subject: Subject) -> Iterator[tuple[Node, str]]:
+@body_rule("URS301", "loop-takes-no-time")
+def endless(subject: Subject, body: Body) -> Iterator[tuple[Node, str]]:
     """a loop waits without sync() or sleep(): a pass takes no time, and nothing in the loop changes its condition"""
-    timing = _Timing(subject)
-    for _, loop in subject.loops:
-        if _END not in timing.idle(loop.body) or timing.takes([loop.condition]):
+    timing = subject.timing
+    for loop in body.loops:
+        if END not in timing.idle(loop.body) or timing.takes([loop.condition]):
             continue
         inside = [loop, *all_statements(loop.body)]
         conditions = [c for s in inside if isinstance(s, If | While) for c in own_expressions(s)]
@@ -121,10 +54,10 @@ def endless(subject: Subject) -> Iterator[tuple[Node, str]]:
             yield loop, "a pass of this loop may take no time: add sync(), or the controller stops the program"
 
 
-@rule("URS302", "popup-in-loop")
-def popups(subject: Subject) -> Iterator[tuple[Node, str]]:
+@body_rule("URS302", "popup-in-loop")
+def popups(_: Subject, body: Body) -> Iterator[tuple[Node, str]]:
     """a popup that does not block is shown in each pass of a loop that hardly waits"""
-    for _, loop in subject.loops:
+    for loop in body.loops:
         yield from _popups(loop.body)
 
 
@@ -153,12 +86,13 @@ def _blocks(call: Call, longer_than: float) -> bool:
     return call.name in _READS and argument(call, _READS[call.name], "timeout") is None
 
 
-@rule("URS303", "blocking-in-servo-loop")
-def blocking(subject: Subject) -> Iterator[tuple[Node, str]]:
+@body_rule("URS303", "blocking-in-servo-loop")
+def blocking(_: Subject, body: Body) -> Iterator[tuple[Node, str]]:
     """a loop that commands servoj also waits: sleep, a blocking popup, or reading a socket without a timeout"""
-    for body, loop in subject.loops:
-        if any(call.name == "servoj" for call in body.scope.calls) and _servos(loop.body):
-            yield from _blocking(loop.body)
+    if any(call.name == "servoj" for call in body.scope.calls):
+        for loop in body.loops:
+            if _servos(loop.body):
+                yield from _blocking(loop.body)
 
 
 def _servos(block: Sequence[Statement]) -> bool:

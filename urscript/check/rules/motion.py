@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from urscript.check.rules.registry import rule
+from urscript.check.rules.registry import body_rule
 from urscript.check.subject import Body, Subject, argument
 from urscript.literals import literal_value
 from urscript.syntax import Call, Expression, ExpressionStatement, FunctionDef, Node, Statement, all_statements, blocks
@@ -15,13 +15,12 @@ _MOVES: Final = (*_STRAIGHT, "movej", "movec", "optimovej", "optimovel")
 _RADIUS: Final = {"movej": 4, "movel": 4, "movep": 3}  # position of the argument r
 
 
-@rule("URS304", "blend-radius")
-def blends(subject: Subject) -> Iterator[tuple[Node, str]]:
+@body_rule("URS304", "blend-radius")
+def blends(subject: Subject, body: Body) -> Iterator[tuple[Node, str]]:
     """the blend radius at a waypoint is larger than half of the straight segment before or after it"""
-    for body in subject.bodies:
-        if any(call.name in _STRAIGHT for call in body.scope.calls):
-            for block in [body.statements, *(b for s in all_statements(body.statements) for b in blocks(s))]:
-                yield from _in_block(subject, body, block)
+    if any(call.name in _STRAIGHT for call in body.scope.calls):
+        for block in [body.statements, *(b for s in all_statements(body.statements) for b in blocks(s))]:
+            yield from _in_block(subject, body, block)
 
 
 def _in_block(subject: Subject, body: Body, block: Sequence[Statement]) -> Iterator[tuple[Node, str]]:

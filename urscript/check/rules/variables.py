@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from urscript.check.rules.registry import declare, rule
-from urscript.check.subject import Subject, inner, names, own_expressions
+from urscript.check.rules.registry import body_rule, declare, rule
+from urscript.check.subject import Body, Subject, inner, names, own_expressions
 from urscript.inference import BOOL, NUMBER, STRING, KindSet, is_local, is_number, is_vector
 from urscript.syntax import (
     Assign,
@@ -31,54 +31,43 @@ declare(UNUSED_INCLUDE, "unused-include", "no program of a project uses what a U
 
 
 @rule("URS201", "unused-function")
-def unused_functions(subject: Subject) -> Iterator[tuple[Node, str]]:
+def unused_functions(subject: Subject) -> Iterator[tuple[Body, Node, str]]:
     """a function or thread is never used"""
-    if not subject.complete or subject.by_polyscope:
+    if not subject.complete or subject.by_polyscope or subject.unit.errors:  # an unknown name may be meant for it
         return
-    for name, function in subject.unit.program.functions.items():
-        if subject.words[name] == 1:
-            kind = "thread" if function.scope.is_thread else "function"
-            yield function, f"{kind} '{name}' is never used"
+    for body in subject.bodies:
+        if body.function is not None and subject.words[body.scope.name] == 1:
+            kind = "thread" if body.scope.is_thread else "function"
+            yield body, body.function, f"{kind} '{body.scope.name}' is never used"
 
 
 @rule("URS202", "unused-variable")
-def unused_variables(subject: Subject) -> Iterator[tuple[Node, str]]:
+def unused_variables(subject: Subject) -> Iterator[tuple[Body, Node, str]]:
     """a local variable is assigned and never read"""
     if subject.by_polyscope:
         return
-    program = subject.unit.program
-    assigned = [
-        (body.scope, statement)
-        for body in subject.bodies
-        for statement in all_statements(body.statements)
-        if isinstance(statement, Assign) and isinstance(statement.target, Name)
-    ]
-    stores = Counter(statement.target.name for _, statement in assigned if isinstance(statement.target, Name))
+    stores = Counter(name for _, name, _ in subject.assignments)
     seen: set[str] = set()
-    for scope, statement in assigned:
-        name = statement.target.name if isinstance(statement.target, Name) else ""
-        if subject.words[name] != stores[name] or name in seen or scope is program.scope:
+    for body, name, statement in subject.assignments:
+        if subject.words[name] != stores[name] or name in seen or body.function is None:
             continue
-        if is_local(program, scope, name) and not any(isinstance(node, Call) for node in inner([statement.value])):
+        local = is_local(subject.unit.program, body.scope, name)
+        if local and not any(isinstance(node, Call) for node in inner([statement.value])):
             seen.add(name)
-            yield statement, f"variable '{name}' is never read"
+            yield body, statement, f"variable '{name}' is never read"
 
 
 @rule("URS203", "type-change")
-def type_changes(subject: Subject) -> Iterator[tuple[Node, str]]:
+def type_changes(subject: Subject) -> Iterator[tuple[Body, Node, str]]:
     """a global variable is assigned values of different types: it keeps the type of its first one"""
     kinds, program = subject.unit.kinds, subject.unit.program
     first: dict[str, str] = {}
-    for body in subject.bodies:
-        for statement in all_statements(body.statements):
-            if not isinstance(statement, Assign) or not isinstance(statement.target, Name):
-                continue
-            name = statement.target.name
-            if name not in program.globals or is_local(program, body.scope, name):
-                continue
-            found = type_in_words(kinds.expression(body.scope, statement.value))
-            if found and first.setdefault(name, found) != found:
-                yield statement, f"'{name}' is {first[name]} elsewhere: a global keeps its type, and this is {found}"
+    for body, name, statement in subject.assignments:
+        if name not in program.globals or is_local(program, body.scope, name):
+            continue
+        found = type_in_words(kinds.expression(body.scope, statement.value))
+        if found and first.setdefault(name, found) != found:
+            yield body, statement, f"'{name}' is {first[name]} elsewhere: a global keeps its type, and this is {found}"
 
 
 def type_in_words(kind: KindSet) -> str:
@@ -90,26 +79,26 @@ def type_in_words(kind: KindSet) -> str:
     return next((text for single, text in _TYPES if kind == single), "")
 
 
-@rule("URS204", "unset-variable")
-def unset_variables(subject: Subject) -> Iterator[tuple[Node, str]]:
+@body_rule("URS204", "unset-variable")
+def unset_variables(subject: Subject, body: Body) -> Iterator[tuple[Node, str]]:
     """a local variable is read that has no value on a path through its function"""
-    program = subject.unit.program
-    for body in subject.bodies[1:]:
-        related: dict[str, set[str]] = {}
-        for statement in _outer_ifs(body.statements):
-            inside = _assigned(blocks(statement))
-            for name in inside:  # what two of them assign, they may well assign in all cases
-                related[name] = _ANYTHING if name in related else inside | _conditions(statement)
-        parameters = {parameter.name for parameter in body.scope.parameters}
-        for name in parameters & set(related):
-            del related[name]
-        local = {
-            name: others
-            for name, others in related.items()
-            if others is not _ANYTHING and is_local(program, body.scope, name)
-        }
-        if len(local) <= _MOST_VARIABLES:
-            yield from _Paths(local).run(body.statements)
+    if body.function is None:
+        return
+    related: dict[str, set[str]] = {}
+    for statement in _outer_ifs(body.statements):
+        inside = _assigned(blocks(statement))
+        for name in inside:  # what two of them assign, they may well assign in all cases
+            related[name] = _ANYTHING if name in related else inside | _conditions(statement)
+    parameters = {parameter.name for parameter in body.scope.parameters}
+    for name in parameters & set(related):
+        del related[name]
+    local = {
+        name: others
+        for name, others in related.items()
+        if others is not _ANYTHING and is_local(subject.unit.program, body.scope, name)
+    }
+    if len(local) <= _MOST_VARIABLES:
+        yield from _Paths(local).run(body.statements)
 
 
 def _outer_ifs(statements: Sequence[Statement]) -> Iterator[If]:
