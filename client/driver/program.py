@@ -16,7 +16,7 @@ from client.driver.link import MOVABLE, RobotLink, cancel
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.reverse import ReverseEndpoint
 from client.driver.script_sender import ScriptSender
-from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError, ProgramStaysError
+from client.errors import ClientError, NoAnswerError, ProgramEndedError, ProgramNotRunningError, ProgramStaysError
 from client.rtde import ReceivedState
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
@@ -34,6 +34,7 @@ _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within 
 _CLOSING_S: Final = 0.1  # guess: the ends of all connections of one program arrive within this
 _TOKEN_DELAY_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
 _LAST_RESULT_S: Final = 1.0  # guess: results that a program sent before its end have arrived within this
+_RESULT_CHECK_S: Final = 2.0
 _LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
 
 _logger = logging.getLogger(__name__)
@@ -108,7 +109,8 @@ class ProgramSupervisor:
             self._link.on_modes.append(self._track_end)
             self._track_end(self._link.state)
             opening.enter_context(self.keep_alive)
-            opening.push_async_callback(cancel, asyncio.create_task(self._report_alive()))
+            for watch in (self._report_alive, self._watch_results):
+                opening.push_async_callback(cancel, asyncio.create_task(watch()))
             self._open = opening.pop_all()
         return self
 
@@ -322,8 +324,29 @@ class ProgramSupervisor:
         if reverse is None or reverse is not self.reverse.current_peer or not self.running:
             return
         _logger.error("the robot is not connected to port %d: its program is stopped", endpoint.port)
+        self.losses += 1
+        self._loss_reason = f"its connection to port {endpoint.port} of this machine was lost"
         self.reverse.stop()
         asyncio.get_running_loop().call_later(_END_TIMEOUT_S, reverse.abort)  # in case it does not stop
+
+    async def _watch_results(self) -> None:
+        """Notice a result that was lost: the system, which repeats unanswered points, takes a quarter of an hour."""
+        suspected = 0  # the trajectory that the program has finished, without its result
+        while True:
+            await asyncio.sleep(_RESULT_CHECK_S)
+            peer, awaited = self.trajectory.current_peer, self.trajectory.awaited
+            if peer is None or not peer.authenticated or not awaited:
+                continue
+            try:
+                _, executing = await self.commands.query(Query.PROGRESS)
+            except ClientError:  # it is paused, or has ended
+                continue
+            if executing or awaited != self.trajectory.awaited:
+                suspected = 0
+            elif awaited == suspected:
+                peer.abort()
+            else:
+                suspected = awaited
 
     def _track_end(self, state: ReceivedState) -> None:
         if state["runtime_state"] in _ENDED:

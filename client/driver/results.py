@@ -82,15 +82,20 @@ class TrajectoryEndpoint(ResultEndpoint):
     operation = "a trajectory"
     written: int
     """Number of points of the trajectory that have been written."""
+    awaited: int
+    """Number of the trajectory whose result has not arrived; 0 if all have."""
 
     def __init__(self, port: int = TRAJECTORY_PORT, host: str = "") -> None:
         super().__init__(port, host)
         self.written = 0
+        self.awaited = 0
+        self._begun = 0
         self._ended = False
 
     def begin(self) -> None:
         """The points that are written from now on are those of a new trajectory."""
-        self.written, self._ended = 0, False
+        self._begun += 1
+        self.written, self.awaited, self._ended = 0, self._begun, False
 
     def end(self) -> int:
         """Write no more points of this trajectory, and return their number."""
@@ -112,6 +117,10 @@ class TrajectoryEndpoint(ResultEndpoint):
             portion = messages[start : start + _POINTS_AT_ONCE]
             self.written += len(portion)
             await peer.write_all(b"".join(portion))
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        self.awaited = 0
 
 
 class ScriptCommandEndpoint(ResultEndpoint):

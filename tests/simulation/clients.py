@@ -228,7 +228,12 @@ async def _program(scenario: FacadeScenario, arm: AsyncRobot) -> None:
 
 
 async def _register(scenario: FacadeScenario, arm: AsyncRobot) -> None:
-    await scenario.call("set_int_register", lambda: arm.io.set_int_register(20, scenario.calls))
+    """A register that was written has its value."""
+    value = scenario.calls
+    await scenario.call("set_int_register", lambda: arm.io.set_int_register(20, value))
+    await asyncio.sleep(_LOOK_S)
+    if scenario.robot.snapshot.input_int_registers[20] != value and not scenario._disturbed:
+        scenario.problem(f"set_int_register returned, and its value is not {value}")
 
 
 async def _pause(scenario: FacadeScenario, arm: AsyncRobot) -> None:

@@ -236,6 +236,22 @@ class LatePoints(Calm):
                 self.problem("move_j went to a point of another motion")
 
 
+class LostPoints(Calm):
+    """Points that are lost, together with their result, end a motion with an error, and the next one succeeds."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            for count in (1, 3000):  # these are more than the system takes
+                await self.call("make_ready", arm.make_ready)
+                stream = next(one for one in self.streams if one.remote == (PC, arm.driver.trajectory.port))
+                self.network.stall(stream, float("inf"))
+                moves = [points.movej(moved(0.1 * n / count)) for n in range(count)]
+                with pytest.raises(ProgramEndedError, match="was lost"):
+                    await self.call("the sequence", partial(arm.sequence, moves), 10.0)
+                await asyncio.sleep(3.0)  # until the program has ended
+                await self.call("move_j", lambda: arm.move_j(moved(0.1)))
+
+
 class LostSetpoints(Calm):
     """A stream whose last setpoints are lost does not succeed, even if the robot reports nothing before its end."""
 
@@ -362,6 +378,7 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
         LostResult,
         LostAtOnce,
         LatePoints,
+        LostPoints,
         LostSetpoints,
         SilentDuringAProgram,
         LostInputs,
