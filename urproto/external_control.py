@@ -152,8 +152,9 @@ class ScriptCommandKind(IntEnum):
 class Query(IntEnum):
     """A query of `ScriptCommand.query`: the URScript function whose result the control program returns.
 
-    MESSAGES: how many messages of the reverse port it has read, and how many setpoints of the last stream it ignored
-    because one before them was late; both times 1e-6.
+    PROGRESS: how many points it has read, times 1e-6, and 1 during a trajectory. MESSAGES: how many messages of the
+    reverse port it has read, and how many setpoints of the last stream it ignored after a late one; both
+    times 1e-6.
     """
 
     FORWARD_KIN = 0

@@ -252,6 +252,19 @@ class LostPoints(Calm):
                 await self.call("move_j", lambda: arm.move_j(moved(0.1)))
 
 
+class ManyPoints(Calm):
+    """The progress of a trajectory with more points than the values of an answer can count."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            begin = points.spline(HOME, [0.0] * 6, 0.0)
+            moves = [*[begin] * 2199, points.movej(moved(0.2))]
+            await self.call("the sequence", lambda: arm.sequence(moves, wait=False))
+            while (await self.call("progress", arm.progress)).point < len(moves) - 1:
+                await asyncio.sleep(0.1)
+            await self.call("wait_done", arm.wait_done)
+
+
 class LostSetpoints(Calm):
     """A stream whose last setpoints are lost does not succeed, even if the robot reports nothing before its end."""
 
@@ -379,6 +392,7 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
         LostAtOnce,
         LatePoints,
         LostPoints,
+        ManyPoints,
         LostSetpoints,
         SilentDuringAProgram,
         LostInputs,
