@@ -122,6 +122,10 @@ class TrajectoryEndpoint(ResultEndpoint):
         super().data_received(data)
         self.awaited = 0
 
+    def _on_connected(self, peer: Peer) -> None:
+        self.awaited = 0
+        super()._on_connected(peer)
+
 
 class ScriptCommandEndpoint(ResultEndpoint):
     """Sends commands that are executed during any motion; tool contact and queries are answered."""

@@ -196,19 +196,26 @@ class MotionRunner:
         had_failed = motion is not None and motion.done()
         if motion is not None:
             await _cancelled(motion)
-        with suppress(*PROGRAM_GONE, LateSetpointError):  # the arm is at rest all the same
-            await self.come_to_rest()
+        await self._rest()
         if motion is not None and had_failed:
             motion.result()  # raises a failure that has not been reported yet
 
     async def come_to_rest(self) -> None:
         """Stop sending setpoints, and wait until the target speeds of all joints are zero.
 
-        The arm of a program that has just ended, or was lost, is still coming to rest. Raises LateSetpointError, and
-        what `Readiness.end_error` finds, if not all setpoints were followed.
+        Raises LateSetpointError, and what `Readiness.end_error` finds, if not all setpoints were followed.
+        """
+        failure = await self._rest()
+        if failure is not None:
+            raise failure
+
+    async def _rest(self) -> Exception | None:
+        """Come to rest; returns what kept setpoints from being followed.
+
+        The arm of a program that has just ended, or was lost, is still coming to rest.
         """
         if self.diagnosis.paused:
-            return
+            return None
         running, failure = self.driver.program_running, None
         if running and self.driver.reverse.mode is ControlMode.FORWARD:
             with suppress(ClientError, LocalProtocolError):  # no trajectory is under way, or it ended some other way
@@ -221,8 +228,7 @@ class MotionRunner:
             async with timeout(_REST_S):
                 while not self.state.at_rest:
                     await self.diagnosis.next_state("stop")
-        if failure is not None:
-            raise failure
+        return failure
 
     async def _wait_until_read(self) -> Exception | None:
         """Wait until the program has read all messages; return the error if some were lost, or came too late."""

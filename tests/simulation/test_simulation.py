@@ -207,6 +207,10 @@ class LostResult(Calm):
                     self.world.call_later(0.2, partial(self.network.stall, stream, float("inf")))
             with pytest.raises(ProgramEndedError):
                 await self.call("move_j", lambda: arm.move_j(moved(0.2)), 10.0)
+            await self.call("make_ready", arm.make_ready)
+            await asyncio.sleep(5.0)  # the new program owes no result
+            if arm.driver.loss_reason or not arm.driver.program_running:
+                self.problem(f"the new program has ended, too: {arm.driver.loss_reason}")
 
 
 class LostAtOnce(Calm):
