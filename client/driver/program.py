@@ -391,9 +391,11 @@ class ProgramSupervisor:
 
     def _on_text(self, text: str) -> None:
         """Handle the control program's messages about its driver."""
-        if text == LATE_TEXT:
+        if text.startswith(LATE_TEXT) and (number := text.removeprefix(LATE_TEXT)).isdecimal():
             why = self._link.feed.standstill.describe()
-            self.reverse.report_late(f"the robot waited too long for the next setpoint{why and f' ({why})'}")
+            self.reverse.report_late(
+                int(number), f"the robot waited too long for the next setpoint{why and f' ({why})'}"
+            )
         elif (
             text == self.control_program().gone_text
             and not self.keep_alive.stop_reason

@@ -157,10 +157,12 @@ class ReverseEndpoint(Endpoint):
         why, self._late_reason = self._late_reason, ""
         return why
 
-    def report_late(self, why: str) -> None:
-        """Take note of the robot's message that a setpoint was late."""
+    def report_late(self, number: int, why: str) -> None:
+        """Take note of the robot's report that no setpoint followed message ``number`` in time."""
         with self._lock:
-            if self.connected and self.mode.real_time:
+            if (
+                self.connected and self.mode.real_time and number > self.sent - self.stream.sent
+            ):  # not an earlier stream
                 self._handle_late(why)
 
     @property

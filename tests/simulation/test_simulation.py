@@ -18,7 +18,7 @@ import pytest
 
 from client import AsyncRobot
 from client.driver import URDriver, points
-from client.errors import MotionError, NoAnswerError, ProgramEndedError
+from client.errors import LateSetpointError, MotionError, NoAnswerError, ProgramEndedError
 from client.primary import PrimaryClient
 from tests.simulation.clients import NEAR_RAD, play_seed
 from tests.simulation.scenario import HOME, PC, ROBOT, Scenario, play
@@ -269,6 +269,26 @@ class ManyPoints(Calm):
             await self.call("wait_done", arm.wait_done)
 
 
+class LateNews(Calm):
+    """The robot's message about a late setpoint arrives when the next stream has begun, and does not end that one."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("make_ready", arm.make_ready)
+            for stream in self.streams:
+                if stream.remote == (ROBOT, 30001):
+                    self.network.stall(stream, 0.8)
+            with pytest.raises(LateSetpointError):
+                await self.call("servo_j", partial(self.servo, arm, 0.3))
+            await self.call("servo_j", partial(self.servo, arm, 0.0))
+
+    async def servo(self, arm: AsyncRobot, pause_s: float) -> None:
+        async with arm.servo_j() as follow:
+            for _ in range(100):
+                await follow(HOME)
+                await asyncio.sleep(pause_s)
+
+
 class LostSetpoints(Calm):
     """A stream whose last setpoints are lost does not succeed, even if the robot reports nothing before its end."""
 
@@ -394,6 +414,7 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
         TakenOver,
         LostResult,
         LostAtOnce,
+        LateNews,
         LatePoints,
         LostPoints,
         ManyPoints,
