@@ -204,7 +204,7 @@ class ProgramSupervisor:
         async with self._start_stop_lock:
             if self.reverse.connected:
                 self.reverse.stop()
-                await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+                await self._wait_until_left()
 
     async def wait_until_read(self) -> int:
         """Wait until the program has read all messages; return how many setpoints it ignored, because one was late.
@@ -247,6 +247,19 @@ class ProgramSupervisor:
     async def _end_old_program(self) -> None:
         if self.reverse.connected:
             await self._link.send_script(_STOP_LINE)
+            await self._wait_until_left()
+
+    async def _wait_until_left(self) -> None:
+        """Wait until the program has disconnected, or has ended by the robot's state: the end of its connection was lost.
+
+        Raises ProgramStaysError.
+        """
+        try:
+            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+        except ProgramStaysError:
+            if not self._has_stopped and self._link.state["runtime_state"] not in _ENDED:
+                raise
+            self.reverse.peer.abort()
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
 
     async def _play(self) -> None:

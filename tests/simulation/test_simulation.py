@@ -213,6 +213,19 @@ class LostResult(Calm):
                 self.problem(f"the new program has ended, too: {arm.driver.loss_reason}")
 
 
+class LostEnd(Calm):
+    """A program whose end was lost together with its connections does not stay for ever."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("make_ready", arm.make_ready)
+            self.robot.do("dashboard", line="pause")
+            await asyncio.sleep(0.1)
+            self.silence_programs()
+            await self.call("make_ready", arm.make_ready, 5.0)
+            await self.call("move_j", lambda: arm.move_j(moved(0.1)))
+
+
 class LostAtOnce(Calm):
     """A program whose connections are gone before its driver's first message does not wait for ever."""
 
@@ -414,6 +427,7 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
         TakenOver,
         LostResult,
         LostAtOnce,
+        LostEnd,
         LateNews,
         LatePoints,
         LostPoints,
