@@ -14,6 +14,7 @@ of both from one that returns a flow.
 """
 
 import asyncio
+import math
 import socket
 import struct
 import time
@@ -35,6 +36,7 @@ Result = TypeVar("Result")
 DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a dashboard "load"
 _MAX_WAIT_S = 86400.0  # replaces an infinite timeout, which sockets do not accept
 _MIN_WAIT_S = 1e-6  # not 0, which makes a socket non-blocking
+_EARLY_S = 0.001  # by which a timer may end before its time: the resolution of clocks
 _FINAL_POLLS = 2  # polls of the sockets by the event loop: a pending callback may come before the first one
 _OVERTIME_S = 1.0  # how long data that has already arrived is still read after the time limit; guess
 _RETRY_S = 0.5  # between attempts to connect again; guess: a controller takes a minute to boot
@@ -72,11 +74,12 @@ Flow = Generator[Step, bytes, Result]
 class _Progress(Generic[Result]):
     """The pending request of a running flow, and its deadline."""
 
-    def __init__(self, flow: Flow[Result], limit_s: float) -> None:
+    def __init__(self, flow: Flow[Result], limit_s: float, silence_s: float) -> None:
         self.pending: Step = None
         self.result: list[Result] = []  # empty until the flow has ended
         self.limit_s = limit_s
         self._flow = flow
+        self._silence_s = silence_s
         self._first_limit_s = limit_s
         self._deadline = time.monotonic() + limit_s
         self._advance(partial(next, flow))
@@ -84,7 +87,13 @@ class _Progress(Generic[Result]):
     @property
     def left_s(self) -> float:
         """Time left [s]; never 0, so that data that has already arrived is still read after the deadline."""
-        return min(max(self._deadline - time.monotonic(), _MIN_WAIT_S), _MAX_WAIT_S)
+        return min(max(self._deadline - time.monotonic(), _MIN_WAIT_S), self._silence_s, _MAX_WAIT_S)
+
+    @property
+    def waited_s(self) -> float:
+        """Of a wait that has just ended without an answer: the limit that ended it [s]."""
+        left_s = self._deadline - time.monotonic()
+        return self._silence_s if left_s > _EARLY_S else self.limit_s
 
     @property
     def over(self) -> bool:
@@ -121,6 +130,9 @@ class _Progress(Generic[Result]):
 @checked
 class Connection:
     """Address and opening flow of a TCP connection; base of the two wrappers below."""
+
+    silence_s = math.inf
+    """A robot that sends nothing for this long [s] while a flow waits for it is gone, however long that may take."""
 
     def __init__(self, host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         self.host = host
@@ -171,7 +183,7 @@ class AsyncConnection(Connection):
     async def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
         """Run a flow to its end, within ``timeout_s`` [s], by default the connection's timeout."""
         try:
-            progress = _Progress(flow, self.timeout_s if timeout_s is None else timeout_s)
+            progress = _Progress(flow, self.timeout_s if timeout_s is None else timeout_s, self.silence_s)
             while not progress.result:
                 try:
                     answer = await self._perform(progress)
@@ -201,7 +213,7 @@ class AsyncConnection(Connection):
         try:
             return await self._exchange(progress.pending, progress.left_s)
         except TimeoutError as error:
-            raise NoAnswerError(self.host, self.port, progress.limit_s) from error
+            raise NoAnswerError(self.host, self.port, progress.waited_s) from error
         except OSError as error:
             raise ConnectionLostError(self.host, self.port) from error
 
@@ -295,7 +307,7 @@ class BlockingConnection(Connection):
     def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
         """Run a flow to its end, within ``timeout_s`` [s], by default the connection's timeout."""
         try:
-            progress = _Progress(flow, self.timeout_s if timeout_s is None else timeout_s)
+            progress = _Progress(flow, self.timeout_s if timeout_s is None else timeout_s, self.silence_s)
             while not progress.result:
                 try:
                     answer = self._perform(progress)
@@ -345,7 +357,7 @@ class BlockingConnection(Connection):
         try:
             return self._exchange(progress.pending, progress.left_s)
         except TimeoutError as error:
-            raise NoAnswerError(self.host, self.port, progress.limit_s) from error
+            raise NoAnswerError(self.host, self.port, progress.waited_s) from error
         except OSError as error:
             raise ConnectionLostError(self.host, self.port) from error
 

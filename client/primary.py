@@ -46,6 +46,7 @@ PORT = 30001
 _MAX_KEPT: Final = 100  # messages of each kind; older ones are dropped
 _START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
 _STATES_OF_A_SECONDARY: Final = 3  # guess: states after which no error of it can follow; errors come within one period
+_SILENCE_S: Final = 5.0  # guess: ten states come per second, so the connection is lost without a word
 _READ_ONLY: Final = 210  # error code of a script port while the robot is in local control
 _LOCAL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 
@@ -174,8 +175,8 @@ class PrimaryCore:
 
         Raises RobotRefused if the robot is not in a state to run it. Raises ScriptFailedError, with the line of
         ``text``, if it does not compile, fails, is stopped for safety, does not start within ``start_timeout_s`` or has
-        not ended after ``timeout_s``. In the last two cases, and after a protective stop, the program may still be
-        loaded or running: see STOP_PROGRAM.
+        not ended after ``timeout_s``, and NoAnswerError if the robot falls silent. In the last three cases, and after a
+        protective stop, the program may still be loaded or running: see STOP_PROGRAM.
         """
         run = yield from self.start(text, name, timeout_s=start_timeout_s)
         return (yield from self.finish(run, timeout_s=timeout_s))
@@ -224,6 +225,8 @@ class PrimaryCore:
                 if isinstance(message, RobotStateData) and message.mode and command.done(message.mode):
                     return
         except NoAnswerError as error:
+            if error.timeout_s < command.timeout_s:  # not even its state
+                raise
             raise RobotRefused(
                 command.line, f"after {command.timeout_s:g} s {self._modes_text}", command.advice
             ) from error
@@ -291,6 +294,8 @@ class PrimaryCore:
         try:
             yield from flow
         except NoAnswerError as error:
+            if error.timeout_s < seconds:  # it does not send its state either
+                raise
             raise run.failed(f"{problem} {seconds:g} s; {self._modes_text}") from error
         yield TimeLimit(None)
 
@@ -327,6 +332,8 @@ def _program(mode: ModeData) -> str:
 
 class _Primary(Connection):
     """Common part of the asynchronous and the blocking client."""
+
+    silence_s = _SILENCE_S
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)

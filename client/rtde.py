@@ -225,6 +225,7 @@ class RTDECore:
         self._marks_s: deque[float] = deque()  # times of the marks that the robot has not answered yet
         self._marked_s: float | None = None  # time of the last one that it has; None if it answers none
         self._newest: ReceivedState | None = None
+        self._unconfirmed = 0  # writes that the robot has not answered yet
         self.running = False
 
     # operations of a client
@@ -273,8 +274,28 @@ class RTDECore:
         packages = [self._input_package(index, values) for index in self._inputs.covering(values)]
         yield b"".join(packages)
 
+    def write_and_confirm(self, values: State, ahead: int = 0) -> Flow[None]:
+        """Like `write`, but wait until the robot has read all writes but the last ``ahead``; without outputs only.
+
+        A package of inputs has no answer, and gets lost with its connection. So a request follows it, and its
+        answer shows that the package was read.
+        """
+        yield from self.write(values)
+        yield codec.GetVersion().encode(self._protocol)
+        self._unconfirmed += 1
+        yield from self._confirm(ahead)
+
+    def _confirm(self, ahead: int) -> Flow[None]:
+        while ahead and (data := (yield POLL)):
+            self._feed(data)
+        while self._unconfirmed > len(self._replies) + ahead:
+            self._feed((yield None))
+        self._unconfirmed -= len(self._replies)
+        self._replies.clear()
+
     def add_inputs(self, names: Names) -> Flow[None]:
         """Set up another input recipe; possible at any time on a connection without outputs."""
+        yield from self._confirm(0)
         recipe = self._inputs.add(names)
         try:
             yield from self._set_up_inputs(recipe)

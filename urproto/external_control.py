@@ -150,7 +150,12 @@ class ScriptCommandKind(IntEnum):
 
 
 class Query(IntEnum):
-    """A query of `ScriptCommand.query`: the URScript function whose result the control program returns."""
+    """A query of `ScriptCommand.query`: the URScript function whose result the control program returns.
+
+    PROGRESS: how many points it has read, times 1e-6, and 1 during a trajectory. MESSAGES: how many messages of the
+    reverse port it has read, and how many setpoints of the last stream it ignored after a late one; both
+    times 1e-6.
+    """
 
     FORWARD_KIN = 0
     INVERSE_KIN = 1
@@ -173,6 +178,7 @@ class Query(IntEnum):
     MASS_MATRIX = 18
     CORIOLIS_AND_CENTRIFUGAL_TORQUES = 19
     TARGET_JOINT_ACCELERATIONS = 20
+    MESSAGES = 21
 
 
 def to_words(values: Iterable[float]) -> tuple[int, ...]:

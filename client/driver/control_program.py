@@ -23,8 +23,9 @@ SPEED_ACCELERATION: Final = 40.0  # rad/s2 or m/s2, for streamed speeds; source:
 DECELERATION: Final = 4.0  # rad/s2, for coming to rest; source: the client library
 GONE_TEXT: Final = "External Control: the driver is gone"
 """Beginning of the text that the program sends (textmsg) before it ends because its driver sent nothing."""
-LATE_TEXT: Final = "External Control: a setpoint is late"
-"""Text that it sends when it brings the arm to rest because a setpoint is late; the program continues."""
+LATE_TEXT: Final = "External Control: no setpoint in time after message "
+"""Beginning of the text that it sends when it brings the arm to rest because a setpoint is late; the number of the last
+message of the reverse port follows. The program continues."""
 
 # Shares of the joint friction that direct torque control compensates by default; source: the client library
 _VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"

@@ -270,22 +270,28 @@ class RobotLink:
         """Whether an error is older than the last `clear_errors`; one that is much older has another clock."""
         return 0 <= self._cleared_until_us - message.timestamp_us < _ON_ITS_WAY_US
 
-    async def write_inputs(self, **values: Any) -> None:
-        """Write RTDE inputs, through a separate connection that the first call opens.
+    async def write_inputs(self, ahead: int = 0, /, **values: Any) -> None:
+        """Write RTDE inputs, through a separate connection that the first call opens; return when the robot has them.
 
-        Raises RobotRefused for an input that another client writes, or that this version does not have.
+        ahead: so many writes need not have arrived yet: in a stream of them, a later one reports the loss.
+        Raises RobotRefused for an input that another client writes, or that this version does not have, and
+        NoAnswerError if the robot falls silent: then it may have them or not.
         """
         async with self._write_lock:
-            names = tuple(values)
             try:
-                await self._ensure_recipe(names)
-                assert self._inputs is not None
-                await self._inputs.write(**values)
+                await self._write(ahead, values)
             except ConnectionLostError:  # the robot may have restarted: try once more
                 await self._close_inputs()
-                await self._ensure_recipe(names)
-                assert self._inputs is not None
-                await self._inputs.write(**values)
+                await self._write(ahead, values)
+
+    async def _write(self, ahead: int, values: Mapping[str, Any]) -> None:
+        await self._ensure_recipe(tuple(values))
+        assert self._inputs is not None
+        try:
+            await self._inputs.run(self._inputs.core.write_and_confirm(values, ahead), self.config.silence_s)
+        except NoAnswerError:
+            await self._close_inputs()
+            raise
 
     async def _ensure_recipe(self, names: tuple[str, ...]) -> None:
         """Make sure that these inputs are part of a recipe."""

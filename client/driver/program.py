@@ -16,12 +16,12 @@ from client.driver.link import MOVABLE, RobotLink, cancel
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.reverse import ReverseEndpoint
 from client.driver.script_sender import ScriptSender
-from client.errors import ProgramNotRunningError, ProgramStaysError
+from client.errors import ClientError, NoAnswerError, ProgramEndedError, ProgramNotRunningError, ProgramStaysError
 from client.rtde import ReceivedState
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 from urproto.errors import RobotRefused, URError
-from urproto.external_control import ControlMode
+from urproto.external_control import SCALE, ControlMode, Query
 from urproto.modes import RobotMode, RuntimeState
 
 _PLAYED: Final = (RuntimeState.PLAYING, RuntimeState.PAUSING, RuntimeState.PAUSED, RuntimeState.RESUMING)
@@ -31,8 +31,10 @@ _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 
 _KEEP_ALIVE_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
+_CLOSING_S: Final = 0.1  # guess: the ends of all connections of one program arrive within this
 _TOKEN_DELAY_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
 _LAST_RESULT_S: Final = 1.0  # guess: results that a program sent before its end have arrived within this
+_RESULT_CHECK_S: Final = 2.0
 _LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
 
 _logger = logging.getLogger(__name__)
@@ -107,7 +109,8 @@ class ProgramSupervisor:
             self._link.on_modes.append(self._track_end)
             self._track_end(self._link.state)
             opening.enter_context(self.keep_alive)
-            opening.push_async_callback(cancel, asyncio.create_task(self._report_alive()))
+            for watch in (self._report_alive, self._watch_results):
+                opening.push_async_callback(cancel, asyncio.create_task(watch()))
             self._open = opening.pop_all()
         return self
 
@@ -201,7 +204,30 @@ class ProgramSupervisor:
         async with self._start_stop_lock:
             if self.reverse.connected:
                 self.reverse.stop()
-                await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+                await self._wait_until_left()
+
+    async def wait_until_read(self) -> int:
+        """Wait until the program has read all messages; return how many setpoints it ignored, because one was late.
+
+        A message that is lost together with its connection leaves no other trace until the program misses the next one.
+        Raises ProgramEndedError if the program ends or is lost before, and NoAnswerError while it cannot answer because
+        it is paused or the robot is stopped. The vendor's program does not answer: it counts as having read them.
+        """
+        peer, sent, losses = self.reverse.peer, self.reverse.sent, self.losses
+        while peer.authenticated:
+            try:
+                read, ignored = (round(value * SCALE) for value in await self.commands.query(Query.MESSAGES))
+            except NoAnswerError:
+                if self._link.state["runtime_state"] != RuntimeState.PLAYING or self._link.safety_mode not in MOVABLE:
+                    raise
+                self.commands.peer.abort()  # the connection is lost, although the system has not noticed it yet
+                raise ProgramEndedError(self.commands.port, "a query") from None
+            if read >= sent:
+                return ignored
+            await self._link.next_state()
+            if peer is not self.reverse.current_peer or self.losses > losses:
+                raise ProgramEndedError(self.reverse.port, "a message")
+        return 0
 
     # starting
 
@@ -221,6 +247,19 @@ class ProgramSupervisor:
     async def _end_old_program(self) -> None:
         if self.reverse.connected:
             await self._link.send_script(_STOP_LINE)
+            await self._wait_until_left()
+
+    async def _wait_until_left(self) -> None:
+        """Wait until the program has disconnected, or has ended by the robot's state: the end of its connection was lost.
+
+        Raises ProgramStaysError.
+        """
+        try:
+            await self.reverse.wait_disconnected(_END_TIMEOUT_S)
+        except ProgramStaysError:
+            if not self._has_stopped and self._link.state["runtime_state"] not in _ENDED:
+                raise
+            self.reverse.peer.abort()
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
 
     async def _play(self) -> None:
@@ -282,23 +321,45 @@ class ProgramSupervisor:
             if peer is None:
                 self._partners[endpoint] = endpoint.current_peer  # accepted after the reverse connection
             elif not connected and peer is not endpoint.current_peer:
-                self._end_incomplete(endpoint)
+                call_later = asyncio.get_running_loop().call_later
+                call_later(_CLOSING_S, self._end_incomplete, endpoint, self.reverse.current_peer)
                 return
 
     def _expect_partners(self, reverse: Peer | None) -> None:
         """End a program that is connected to the reverse port only, because its other connections were lost."""
-        if reverse is None or reverse is not self.reverse.current_peer:
-            return
         for endpoint, peer in self._partners.items():
             if peer is None:
-                self._end_incomplete(endpoint)
+                self._end_incomplete(endpoint, reverse)
                 return
 
-    def _end_incomplete(self, endpoint: Endpoint) -> None:
+    def _end_incomplete(self, endpoint: Endpoint, reverse: Peer | None) -> None:
+        """Stop the program of this reverse connection, unless it has ended, or is about to."""
+        if reverse is None or reverse is not self.reverse.current_peer or not self.running:
+            return
         _logger.error("the robot is not connected to port %d: its program is stopped", endpoint.port)
-        if self.reverse.connected:
-            self.reverse.stop()
-            asyncio.get_running_loop().call_later(_END_TIMEOUT_S, self.reverse.peer.abort)  # in case it does not stop
+        self.losses += 1
+        self._loss_reason = f"its connection to port {endpoint.port} of this machine was lost"
+        self.reverse.stop()
+        asyncio.get_running_loop().call_later(_END_TIMEOUT_S, reverse.abort)  # in case it does not stop
+
+    async def _watch_results(self) -> None:
+        """Notice a result that was lost: the system, which repeats unanswered points, takes a quarter of an hour."""
+        suspected = 0  # the trajectory that the program has finished, without its result
+        while True:
+            await asyncio.sleep(_RESULT_CHECK_S)
+            peer, awaited = self.trajectory.current_peer, self.trajectory.awaited
+            if peer is None or not peer.authenticated or not awaited:
+                continue
+            try:
+                _, executing = await self.commands.query(Query.PROGRESS)
+            except ClientError:  # it is paused, or has ended
+                continue
+            if executing or awaited != self.trajectory.awaited:
+                suspected = 0
+            elif awaited == suspected:
+                peer.abort()
+            else:
+                suspected = awaited
 
     def _track_end(self, state: ReceivedState) -> None:
         if state["runtime_state"] in _ENDED:
@@ -343,9 +404,11 @@ class ProgramSupervisor:
 
     def _on_text(self, text: str) -> None:
         """Handle the control program's messages about its driver."""
-        if text == LATE_TEXT:
+        if text.startswith(LATE_TEXT) and (number := text.removeprefix(LATE_TEXT)).isdecimal():
             why = self._link.feed.standstill.describe()
-            self.reverse.report_late(f"the robot waited too long for the next setpoint{why and f' ({why})'}")
+            self.reverse.report_late(
+                int(number), f"the robot waited too long for the next setpoint{why and f' ({why})'}"
+            )
         elif (
             text == self.control_program().gone_text
             and not self.keep_alive.stop_reason

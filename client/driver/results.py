@@ -80,21 +80,51 @@ class TrajectoryEndpoint(ResultEndpoint):
     """Sends the points of trajectories; the reverse interface announces where a trajectory starts and ends."""
 
     operation = "a trajectory"
+    written: int
+    """Number of points of the trajectory that have been written."""
+    awaited: int
+    """Number of the trajectory whose result has not arrived; 0 if all have."""
 
     def __init__(self, port: int = TRAJECTORY_PORT, host: str = "") -> None:
         super().__init__(port, host)
+        self.written = 0
+        self.awaited = 0
+        self._begun = 0
+        self._ended = False
+
+    def begin(self) -> None:
+        """The points that are written from now on are those of a new trajectory."""
+        self._begun += 1
+        self.written, self.awaited, self._ended = 0, self._begun, False
+
+    def end(self) -> int:
+        """Write no more points of this trajectory, and return their number."""
+        self._ended = True
+        return self.written
 
     async def write(self, points: Iterable[TrajectoryPoint]) -> None:
         """Send points as fast as the robot accepts them. Raises ProgramEndedError if it disconnects meanwhile.
 
-        If one of them raises LocalProtocolError, none is sent.
+        If one of them raises LocalProtocolError, none is sent. The rest of a trajectory that is cancelled is not sent.
         """
         messages = [point.encode() for point in points]
         peer = self.peer
         for start in range(0, len(messages), _POINTS_AT_ONCE):
             if peer.closed.done():
                 raise ProgramEndedError(self.port, self.operation)
-            await peer.write_all(b"".join(messages[start : start + _POINTS_AT_ONCE]))
+            if self._ended:
+                return
+            portion = messages[start : start + _POINTS_AT_ONCE]
+            self.written += len(portion)
+            await peer.write_all(b"".join(portion))
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        self.awaited = 0
+
+    def _on_connected(self, peer: Peer) -> None:
+        self.awaited = 0
+        super()._on_connected(peer)
 
 
 class ScriptCommandEndpoint(ResultEndpoint):

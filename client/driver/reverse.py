@@ -78,12 +78,15 @@ class ReverseEndpoint(Endpoint):
     """Mode of the last message."""
     stream: StreamStatistics
     """Statistics of the setpoints since the last other message."""
+    sent: int
+    """Number of messages sent to the program that is connected."""
 
     def __init__(self, port: int = REVERSE_PORT, host: str = "", period_s: float = Series.E.period_s) -> None:
         super().__init__(port, host)
         self.period_s = period_s
         self.mode = ControlMode.IDLE
         self.stream = StreamStatistics()
+        self.sent = 0
         self._lock = threading.RLock()
         self._sent_s = 0.0  # time of the last message, by the monotonic clock
         self._timeout_s = 0.0  # how long the robot waits after that
@@ -154,10 +157,12 @@ class ReverseEndpoint(Endpoint):
         why, self._late_reason = self._late_reason, ""
         return why
 
-    def report_late(self, why: str) -> None:
-        """Take note of the robot's message that a setpoint was late."""
+    def report_late(self, number: int, why: str) -> None:
+        """Take note of the robot's report that no setpoint followed message ``number`` in time."""
         with self._lock:
-            if self.connected and self.mode.real_time:
+            if (
+                self.connected and self.mode.real_time and number > self.sent - self.stream.sent
+            ):  # not an earlier stream
                 self._handle_late(why)
 
     @property
@@ -189,6 +194,7 @@ class ReverseEndpoint(Endpoint):
 
     def _write(self, peer: Peer, message: ReverseMessage, now: float) -> None:
         peer.write(message.encode())
+        self.sent += 1
         self.mode = message.mode
         self._sent_s, self._timeout_s = now, message.read_timeout_ms / 1000.0
 
@@ -197,5 +203,5 @@ class ReverseEndpoint(Endpoint):
             self.mode = ControlMode.IDLE
             self._late_reason = ""
             if connected:
-                self._sent_s = 0.0
+                self._sent_s, self.sent = 0.0, 0
         super()._notify(connected)

@@ -31,7 +31,7 @@ class Trajectories:
         self._timeout_s = config.keep_alive_timeout_s
         self._executing = False  # started, and its result not yet fetched
         self._cancelling = False  # cancellation was sent; the robot answers it in any case
-        self._streamed: int | None = None  # points of the stream so far; None without a stream
+        self._streaming = False
         self._reverse.listeners.append(self._program_changed)
 
     async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None) -> TrajectoryResult:
@@ -72,22 +72,20 @@ class Trajectories:
     async def start_stream(self) -> None:
         """Start a trajectory whose points follow later."""
         await self._begin(TrajectoryAction.STREAM_START, 0)
-        self._streamed = 0
+        self._streaming = True
 
     async def stream(self, points: Iterable[TrajectoryPoint]) -> None:
         """Send further points of the stream."""
-        if self._streamed is None:
+        if not self._streaming:
             raise LocalProtocolError("no stream is under way: start one first")
-        points = self._checked(points)
-        await self._port.write(points)
-        self._streamed += len(points)
+        await self._port.write(self._checked(points))
 
     async def end_stream(self, timeout_s: float | None) -> TrajectoryResult:
         """Send the total number of points, and wait for the result."""
-        if self._streamed is None:
+        if not self._streaming:
             raise LocalProtocolError("no stream is under way: start one first")
-        count, self._streamed = self._streamed, None
-        self._reverse.trajectory(TrajectoryAction.STREAM_END, count, self._timeout_s)
+        self._streaming = False
+        self._reverse.trajectory(TrajectoryAction.STREAM_END, self._port.end(), self._timeout_s)
         return await self.result(timeout_s)
 
     async def _begin(self, action: TrajectoryAction, count: int) -> None:
@@ -95,14 +93,14 @@ class Trajectories:
             await self.cancel()
         self._port.clear_results()
         self._reverse.trajectory(action, count, self._timeout_s)
-        self._executing, self._cancelling, self._streamed = True, False, None
+        self._port.begin()
+        self._executing, self._cancelling, self._streaming = True, False, False
 
     def _send_cancel(self) -> None:
         if self._cancelling:
             return
-        self._cancelling = True
-        count, self._streamed = self._streamed or 0, None
-        self._reverse.trajectory(TrajectoryAction.CANCEL, count, self._timeout_s)
+        self._cancelling, self._streaming = True, False
+        self._reverse.trajectory(TrajectoryAction.CANCEL, self._port.end(), self._timeout_s)
 
     def _checked(self, given: Iterable[TrajectoryPoint]) -> list[TrajectoryPoint]:
         points = points_of(given)
@@ -112,4 +110,4 @@ class Trajectories:
 
     def _program_changed(self, connected: bool) -> None:
         if connected:
-            self._executing, self._cancelling, self._streamed = False, False, None
+            self._executing, self._cancelling, self._streaming = False, False, False

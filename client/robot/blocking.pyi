@@ -497,9 +497,10 @@ class Robot(Blocking[AsyncRobot]):
                     state = follow(next_target(state))     # (6,) [rad]; paces the loop
 
         timeout_s: without a setpoint for this long (at most 0.2 s) the robot stops the arm, and the next setpoint
-        raises LateSetpointError; the control program continues. lookahead_s (0.03 to 0.2, longer is smoother) and gain
-        (100 to 2000, higher is stiffer): parameters of servoj; None takes those of the configuration. The robot ignores
-        setpoints that are too far away, which raises MotionError. `stream` has statistics.
+        raises LateSetpointError; the control program continues. Leaving the block raises it too, or ProgramEndedError,
+        if setpoints were lost on their way. lookahead_s (0.03 to 0.2, longer is smoother) and gain (100 to 2000,
+        higher is stiffer): parameters of servoj; None takes those of the configuration. The robot ignores setpoints
+        that are too far away, which raises MotionError. `stream` has statistics.
         """
     def servo_pose(
         self,

@@ -9,6 +9,7 @@ from urproto.external_control import Query
 from urproto.vectors import ZERO6
 
 _ANY: Final = ZERO6
+_WRENCHES_AHEAD: Final = 8  # guess: at one per control period, an answer takes less
 
 
 @checked
@@ -79,4 +80,4 @@ class Force:
 
         Raises RobotRefused while another client writes this input.
         """
-        await self._driver.link.write_inputs(external_force_torque=tuple(wrench))
+        await self._driver.link.write_inputs(_WRENCHES_AHEAD, external_force_torque=tuple(wrench))

@@ -8,7 +8,7 @@ from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
-from client.errors import ClientError, MotionStoppedError, WaitTimeoutError
+from client.errors import ClientError, LateSetpointError, MotionStoppedError, NoAnswerError, WaitTimeoutError
 from client.robot.readiness import PROGRAM_GONE, Readiness
 from client.robot.state import RobotState
 from urproto.compat_asyncio import timeout
@@ -196,29 +196,51 @@ class MotionRunner:
         had_failed = motion is not None and motion.done()
         if motion is not None:
             await _cancelled(motion)
-        await self.come_to_rest()
+        await self._rest()
         if motion is not None and had_failed:
             motion.result()  # raises a failure that has not been reported yet
 
     async def come_to_rest(self) -> None:
         """Stop sending setpoints, and wait until the target speeds of all joints are zero.
 
+        Raises LateSetpointError, and what `Readiness.end_error` finds, if not all setpoints were followed.
+        """
+        failure = await self._rest()
+        if failure is not None:
+            raise failure
+
+    async def _rest(self) -> Exception | None:
+        """Come to rest; returns what kept setpoints from being followed.
+
         The arm of a program that has just ended, or was lost, is still coming to rest.
         """
         if self.diagnosis.paused:
-            return
-        running = self.driver.program_running
+            return None
+        running, failure = self.driver.program_running, None
         if running and self.driver.reverse.mode is ControlMode.FORWARD:
             with suppress(ClientError, LocalProtocolError):  # no trajectory is under way, or it ended some other way
                 await self.driver.trajectory_result(_REST_S)
         elif running:
             self.driver.idle()
-            await self.diagnosis.next_state("stop")  # the program reads it once a control period
+            failure = await self._wait_until_read()
         await self.diagnosis.state_from_now("stop")
         with suppress(TimeoutError):
             async with timeout(_REST_S):
                 while not self.state.at_rest:
                     await self.diagnosis.next_state("stop")
+        return failure
+
+    async def _wait_until_read(self) -> Exception | None:
+        """Wait until the program has read all messages; return the error if some were lost, or came too late."""
+        try:
+            ignored = await self.driver.program.wait_until_read()
+        except PROGRAM_GONE:
+            return await self.readiness.end_error(self.operation)
+        except NoAnswerError:  # it is paused, or the robot is stopped
+            return None
+        if ignored:
+            return LateSetpointError(self.operation, f"a setpoint was late, and the robot ignored {ignored} after it")
+        return None
 
     async def _replace(self, operation: str, *, rolling: bool) -> None:
         """End a motion that no caller waits for, since another motion replaces it.

@@ -17,7 +17,7 @@ from client.robot.motion import MotionRunner
 from client.robot.reach import reach_of
 from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError
-from urproto.external_control import Query, TrajectoryPoint, TrajectoryResult
+from urproto.external_control import SCALE, Query, TrajectoryPoint, TrajectoryResult
 from urproto.robots.pose import Pose, pose_trans
 from urproto.vectors import ZERO6
 
@@ -59,9 +59,8 @@ class Moves:
         point, executing = await self._motion.readiness.query("progress", Query.PROGRESS)
         count = len(self._points) if self._motion.moving else 0
         running = self._motion.moving and (bool(executing) or not count)
-        return MotionProgress(
-            self._motion.operation if running else "", running, max(0, round(point) - 1) if count else 0, count
-        )
+        index = max(0, round(point * SCALE) - 1) if count else 0
+        return MotionProgress(self._motion.operation if running else "", running, index, count)
 
     async def move_j(
         self,

@@ -17,6 +17,7 @@ PROGRAM_GONE: Final = (ProgramEndedError, ProgramNotRunningError)
 _POWER_UP_S: Final = 60.0  # guess: switching an arm on takes up to half a minute
 _REMOTE: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 LOCAL_CONTROL: Final = ("it is in local control", _REMOTE)
+_POWERED: Final = (RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.BACKDRIVE)
 _RUN_LINE: Final = "set robotmode run"
 
 
@@ -110,11 +111,18 @@ class Readiness:
             await board.request(dashboard.BRAKE_RELEASE)
         else:
             await self.driver.link.send_script(_RUN_LINE)
+        before, is_on = self.driver.state, False
         try:
             async with timeout(_POWER_UP_S):
-                while self.driver.link.robot_mode is not RobotMode.RUNNING:
+                while (now := self.driver.link.robot_mode) is not RobotMode.RUNNING:
+                    if is_on and now is RobotMode.POWER_OFF:
+                        raise RobotRefused("brake release", "it was switched off meanwhile", "make_ready() again")
+                    is_on = is_on or now in _POWERED
                     await self.diagnosis.next_state("make_ready")
                     self.diagnosis.check_safety("make_ready")
+                    if self.driver.state["timestamp"] < before["timestamp"]:  # it does not know the request any more
+                        raise self.diagnosis.unreachable("make_ready")
+                    before = self.driver.state
         except TimeoutError:
             mode = self.driver.link.robot_mode.name
             advice = f"check the pendant; e-Series: {_REMOTE}"

@@ -106,7 +106,7 @@ async def test_two_simultaneous_starts_start_one_program(connect):
 async def test_a_driver_that_freezes_stops_the_arm(pair, send, monkeypatch):
     """Setpoints cease and no keep-alive follows, as when the driver's process hangs."""
     monkeypatch.setattr(pair.driver.keep_alive, "_cycle", lambda due_s: due_s)
-    monkeypatch.setattr(pair.driver.reverse, "report_late", lambda why: None)
+    monkeypatch.setattr(pair.driver.reverse, "report_late", lambda *_: None)
 
     def setpoint(t):
         if send == "servoj":

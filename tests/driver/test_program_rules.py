@@ -275,7 +275,7 @@ async def test_a_robot_that_falls_silent_is_disconnected() -> None:
     [
         ({}, GONE_TEXT, True, 1),
         ({}, "something else", False, 0),
-        ({}, LATE_TEXT, False, 0),
+        ({}, f"{LATE_TEXT}7", False, 0),
         ({"restart": False}, GONE_TEXT, False, 1),
         ({"headless": False}, GONE_TEXT, False, 1),
         ({"watchdog": True}, GONE_TEXT, False, 0),

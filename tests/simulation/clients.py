@@ -228,7 +228,12 @@ async def _program(scenario: FacadeScenario, arm: AsyncRobot) -> None:
 
 
 async def _register(scenario: FacadeScenario, arm: AsyncRobot) -> None:
-    await scenario.call("set_int_register", lambda: arm.io.set_int_register(20, scenario.calls))
+    """A register that was written has its value."""
+    value = scenario.calls
+    await scenario.call("set_int_register", lambda: arm.io.set_int_register(20, value))
+    await asyncio.sleep(_LOOK_S)
+    if scenario.robot.snapshot.input_int_registers[20] != value and not scenario._disturbed:
+        scenario.problem(f"set_int_register returned, and its value is not {value}")
 
 
 async def _pause(scenario: FacadeScenario, arm: AsyncRobot) -> None:
@@ -239,6 +244,17 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     move, _move_and_wait, _move_and_stop, _sequence, _servo, _servo, _speed, _output, _slider, _query,
     _mode, _program, _register, _pause,
 )  # fmt: skip
+
+
+class UrcapScenario(FacadeScenario):
+    """The same with the program of the pendant, in which the URCap's node fetches the control program."""
+
+    name = "AsyncRobot with the URCap"
+    models = (("ur3", None), ("ur5e", None))
+    weights = (2, 1)
+
+    def _robot(self) -> AsyncRobot:
+        return AsyncRobot(ROBOT, realtime="off", headless=False, program=f"{CONTROL_PROGRAM}.urp")
 
 
 class MastersScenario(Scenario):
@@ -337,7 +353,8 @@ class PortsScenario(Scenario):
                 self.problem(f"after the state of {last_s} came that of {timestamp_s}")
             last_s, connections = timestamp_s, client.core.reconnects
             seen = [one for one in self.robot.history if abs(one.timestamp_s - timestamp_s) < 1e-6]
-            if self.robot.history[0].timestamp_s < timestamp_s and not any(one.q == state["actual_q"] for one in seen):
+            known_s = max(self.robot.history[0].timestamp_s, self.robot.ambiguous_until_s)
+            if known_s < timestamp_s and not any(one.q == state["actual_q"] for one in seen):
                 self.problem(f"the robot was never as received: {state}")
             if self.random.random() < 0.05:
                 await self.call("write", lambda: client.write(input_int_register_24=self.calls))
@@ -407,7 +424,9 @@ class BlockingScenario(Scenario):
                 self.problem("a motion returned and the arm moves")
 
 
-SCENARIOS: Final = (FacadeScenario, MastersScenario, FacadeScenario, PortsScenario, FacadeScenario, BlockingScenario)
+SCENARIOS: Final = (
+    FacadeScenario, MastersScenario, FacadeScenario, PortsScenario, FacadeScenario, BlockingScenario, UrcapScenario,
+)  # fmt: skip
 
 
 def play_seed(seed: int, trace: Callable[[str], object] | None = None) -> Outcome:

@@ -175,8 +175,13 @@ class Stream(Endpoint):
         return float(idle_s + interval_s * count) if on else _FOREVER
 
     def check_alive(self) -> None:
-        """Give the other end up, if nothing has passed for so long."""
-        if self.incoming is not None and self.incoming.blocked_until_s > self.network.world.now:
+        """Give the other end up, if nothing has passed for so long.
+
+        Not while sent bytes are without an answer: then the system repeats them, for a quarter of an hour.
+        """
+        incoming, outgoing = self.incoming, self.outgoing
+        is_silent = incoming is not None and incoming.blocked_until_s > self.network.world.now
+        if is_silent and (outgoing is None or not outgoing.under_way):
             self.reset()
 
     def finish(self) -> None:

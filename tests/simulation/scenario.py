@@ -19,12 +19,14 @@ from unittest.mock import patch
 
 import emulator.clock
 import emulator.servers.admission
+from client.driver.script_sender import SENDER_PORT
 from emulator.app import Emulator
 from emulator.clock import RealClock, Tick
 from emulator.config import EmulatorConfig
 from emulator.control.control import is_waiting
 from emulator.machine import ControllerConfig
 from emulator.services.sockets import ScriptNetwork
+from emulator.services.urcap import DriverAddress
 from tests.simulation.network import Line, Network, Stream
 from tests.simulation.world import HangError, SimulatedThread, World
 from urproto.controlapi import BadArguments, NotPossible
@@ -76,6 +78,7 @@ class SimulatedRobot:
     def __init__(self, scenario: "Scenario", model: str, version: str | None) -> None:
         self.scenario = scenario
         self.history: deque[Seen] = deque()
+        self.ambiguous_until_s = 0.0  # timestamps up to this have occurred before a restart, too
         self._waiting: list[Generator[None, None, object]] = []
         self.loop: asyncio.AbstractEventLoop
         self.emulator: Emulator
@@ -132,7 +135,13 @@ class SimulatedRobot:
 
     async def _serve(self) -> None:
         version = PolyscopeVersion.parse(self._version) if self._version else None
-        controller = ControllerConfig(model=load_model(self._model), version=version, initial_q=HOME, running=True)
+        controller = ControllerConfig(
+            model=load_model(self._model),
+            version=version,
+            initial_q=HOME,
+            running=True,
+            external_control=DriverAddress(PC, SENDER_PORT),
+        )
         config = EmulatorConfig(
             controller=controller, host=ROBOT, control=False, script_network=ScriptNetwork.ANY_AND_CONTROL
         )
@@ -150,6 +159,8 @@ class SimulatedRobot:
             except (StopIteration, NotPossible):
                 self._waiting.remove(waiting)
         snapshot, now_s = self.snapshot, self.scenario.world.now
+        if self.history and snapshot.timestamp < self.history[-1].timestamp_s:
+            self.ambiguous_until_s = max(self.ambiguous_until_s, self.history[-1].timestamp_s)
         modes = int(snapshot.robot_mode), int(snapshot.safety_mode), int(snapshot.runtime_state)
         self.history.append(Seen(now_s, snapshot.timestamp, tuple(snapshot.actual_q), modes))
         while self.history[0].now_s < now_s - _KEPT_S:
@@ -215,8 +226,8 @@ class Scenario:
     """One run. Subclasses have the calls of the client, in `use`."""
 
     name = ""
-    models: tuple[tuple[str, str | None], ...] = (("ur3", None), ("ur5", None), ("ur5e", None))
-    weights = (6, 2, 1)
+    models: tuple[tuple[str, str | None], ...] = (("ur3", None), ("ur5", None), ("ur5e", None), ("ur5e", "10.12"))
+    weights: tuple[int, ...] = (6, 2, 1, 1)
     lasting_s = 3.0  # during which accidents happen
 
     def __init__(self, seed: int, world: World, network: Network) -> None:

@@ -4,6 +4,7 @@ SIMULATED_SEEDS=100000 (``make soak``) plays so many of them; SIMULATED_FROM beg
 """
 
 import asyncio
+import logging
 import os
 import subprocess
 import sys
@@ -16,12 +17,13 @@ from typing import Final
 import pytest
 
 from client import AsyncRobot
-from client.driver import URDriver
-from client.errors import NoAnswerError, ProgramEndedError
+from client.driver import URDriver, points
+from client.errors import LateSetpointError, MotionError, NoAnswerError, ProgramEndedError
 from client.primary import PrimaryClient
-from tests.simulation.clients import play_seed
-from tests.simulation.scenario import HOME, ROBOT, Scenario, play
+from tests.simulation.clients import NEAR_RAD, play_seed
+from tests.simulation.scenario import HOME, PC, ROBOT, Scenario, play
 from urproto.errors import RobotRefused, URError
+from urproto.modes import RobotMode
 
 NOW: Final = 8  # about a second of CPU time each
 SEEDS: Final = int(os.environ.get("SIMULATED_SEEDS", "200"))
@@ -205,6 +207,23 @@ class LostResult(Calm):
                     self.world.call_later(0.2, partial(self.network.stall, stream, float("inf")))
             with pytest.raises(ProgramEndedError):
                 await self.call("move_j", lambda: arm.move_j(moved(0.2)), 10.0)
+            await self.call("make_ready", arm.make_ready)
+            await asyncio.sleep(5.0)  # the new program owes no result
+            if arm.driver.loss_reason or not arm.driver.program_running:
+                self.problem(f"the new program has ended, too: {arm.driver.loss_reason}")
+
+
+class LostEnd(Calm):
+    """A program whose end was lost together with its connections does not stay for ever."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("make_ready", arm.make_ready)
+            self.robot.do("dashboard", line="pause")
+            await asyncio.sleep(0.1)
+            self.silence_programs()
+            await self.call("make_ready", arm.make_ready, 5.0)
+            await self.call("move_j", lambda: arm.move_j(moved(0.1)))
 
 
 class LostAtOnce(Calm):
@@ -217,6 +236,151 @@ class LostAtOnce(Calm):
             await asyncio.sleep(7.0)
             if not lost.program.losses or not lost.program_running:
                 self.problem("the program was not started again")
+
+
+class LatePoints(Calm):
+    """A trajectory whose points come too late leaves none of them to the next one."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("make_ready", arm.make_ready)
+            stream = next(one for one in self.streams if one.remote == (PC, arm.driver.trajectory.port))
+            self.network.stall(stream, 2.5)
+            with pytest.raises(MotionError):
+                await self.call("the sequence", lambda: arm.sequence([points.movej(moved(0.1 * n)) for n in range(30)]))
+            await self.call("move_j", lambda: arm.move_j(moved(0.2)))
+            if abs(self.robot.snapshot.actual_q[0] - moved(0.2)[0]) > NEAR_RAD:
+                self.problem("move_j went to a point of another motion")
+
+
+class LostPoints(Calm):
+    """Points that are lost, together with their result, end a motion with an error, and the next one succeeds."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            for count in (1, 3000):  # these are more than the system takes
+                await self.call("make_ready", arm.make_ready)
+                stream = next(one for one in self.streams if one.remote == (PC, arm.driver.trajectory.port))
+                self.network.stall(stream, float("inf"))
+                moves = [points.movej(moved(0.1 * n / count)) for n in range(count)]
+                with pytest.raises(ProgramEndedError, match="was lost"):
+                    await self.call("the sequence", partial(arm.sequence, moves), 10.0)
+                await asyncio.sleep(3.0)  # until the program has ended
+                await self.call("move_j", lambda: arm.move_j(moved(0.1)))
+
+
+class ManyPoints(Calm):
+    """The progress of a trajectory with more points than the values of an answer can count."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            begin = points.spline(HOME, [0.0] * 6, 0.0)
+            moves = [*[begin] * 2199, points.movej(moved(0.2))]
+            await self.call("the sequence", lambda: arm.sequence(moves, wait=False))
+            while (await self.call("progress", arm.progress)).point < len(moves) - 1:
+                await asyncio.sleep(0.1)
+            await self.call("wait_done", arm.wait_done)
+
+
+class LateNews(Calm):
+    """The robot's message about a late setpoint arrives when the next stream has begun, and does not end that one."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            await self.call("make_ready", arm.make_ready)
+            for stream in self.streams:
+                if stream.remote == (ROBOT, 30001):
+                    self.network.stall(stream, 0.8)
+            with pytest.raises(LateSetpointError):
+                await self.call("servo_j", partial(self.servo, arm, 0.3))
+            await self.call("servo_j", partial(self.servo, arm, 0.0))
+
+    async def servo(self, arm: AsyncRobot, pause_s: float) -> None:
+        async with arm.servo_j() as follow:
+            for _ in range(100):
+                await follow(HOME)
+                await asyncio.sleep(pause_s)
+
+
+class LostSetpoints(Calm):
+    """A stream whose last setpoints are lost does not succeed, even if the robot reports nothing before its end."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            for port in ("reverse", "commands"):
+                await self.call("make_ready", arm.make_ready)
+                number = getattr(arm.driver, port).port
+                stream = next(one for one in self.streams if one.remote == (PC, number))
+                self.world.call_later(0.1, partial(self.network.stall, stream, float("inf")))
+                with pytest.raises(ProgramEndedError):
+                    await self.call("speed_j", lambda: arm.speed_j([0.1, 0, 0, 0, 0, 0], 0.2), 5.0)
+                await asyncio.sleep(3.0)  # until the program has ended
+
+
+class SilentDuringAProgram(Calm):
+    """A program that may take for ever does not take for ever if the robot is gone."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            self.world.call_later(1.0, partial(self.network.cut, float("inf")))
+            with pytest.raises(NoAnswerError):
+                await self.call("programs.run", lambda: arm.programs.run("sleep(100)"), 10.0)
+
+
+class LostInputs(Calm):
+    """An input that is written into a connection that is gone without a word is not lost without one."""
+
+    async def use(self) -> None:
+        wrench = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]
+        for write in (
+            lambda arm: arm.io.set_int_register(24, 7),
+            lambda arm: arm.force.set_external_wrench(wrench),  # a stream, which does not wait for each of them
+        ):
+            async with AsyncRobot(ROBOT, realtime="off") as arm:
+                await self.call("writes", partial(repeated, partial(write, arm)))
+                self.network.stall(self.streams[-1], float("inf"))
+                with pytest.raises(NoAnswerError):
+                    await self.call("writes", partial(repeated, partial(write, arm)), 2.0)
+        controller = self.robot.emulator.controller
+        inputs = controller.snapshot.input_int_registers[24], list(controller.ft_input.wrench_flange)
+        if inputs != (7, wrench):
+            self.problem(f"the inputs are {inputs}")
+
+
+class InterruptedPowerUp(Calm):
+    """An arm that is switched off, or whose controller restarts, while it is powered on is not waited for."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            restart = partial(self.robot.do, "inject_fault", kind="restart_controller", outage_s=0.5)
+            for accident in (partial(self.robot.do, "power_off"), restart):
+                self.robot.do("power_off")
+                await arm.wait_for(lambda state: state.robot_mode is not RobotMode.RUNNING)
+                self.world.call_later(0.5, accident)
+                with pytest.raises(URError):
+                    await self.call("make_ready", arm.make_ready, 10.0)
+
+
+class StoppedByUser(Calm):
+    """A program that ends is not taken for one that has lost a connection, in whatever order its connections end."""
+
+    async def use(self) -> None:
+        self.network.line.jitter_s = 0.02
+        errors: list[str] = []
+        handler = logging.Handler(logging.ERROR)
+        handler.emit = lambda record: errors.append(record.getMessage())  # type: ignore[method-assign]
+        logging.getLogger("client").addHandler(handler)
+        try:
+            async with AsyncRobot(ROBOT, realtime="off") as arm:
+                for _ in range(5):
+                    await self.call("make_ready", arm.make_ready)
+                    self.robot.do("dashboard", line="stop")
+                    await arm.driver.reverse.wait_disconnected()
+                    await asyncio.sleep(0.2)
+        finally:
+            logging.getLogger("client").removeHandler(handler)
+        if errors:
+            self.problem(f"in the log: {errors}")
 
 
 def driver(first: int) -> URDriver:
@@ -234,6 +398,11 @@ async def lost(arm: AsyncRobot) -> None:
             await arm.driver.next_state()
         except NoAnswerError:
             return
+
+
+async def repeated(call: Callable[[], Awaitable[None]]) -> None:
+    for _ in range(20):
+        await call()
 
 
 async def again(call: Callable[[], Awaitable[None]]) -> None:
@@ -258,6 +427,16 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
         TakenOver,
         LostResult,
         LostAtOnce,
+        LostEnd,
+        LateNews,
+        LatePoints,
+        LostPoints,
+        ManyPoints,
+        LostSetpoints,
+        SilentDuringAProgram,
+        LostInputs,
+        InterruptedPowerUp,
+        StoppedByUser,
     ],
 )
 def test_found_by_seeds(kind: type[Scenario]) -> None:
