@@ -250,7 +250,7 @@ class ProgramSupervisor:
             await self._wait_until_left()
 
     async def _wait_until_left(self) -> None:
-        """Wait until the program has disconnected, or has ended by the robot's state: the end of its connection was lost.
+        """Wait until the program has disconnected, or ended by the robot's state: the end of its connection was lost.
 
         Raises ProgramStaysError.
         """

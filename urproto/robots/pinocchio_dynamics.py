@@ -6,11 +6,11 @@ torques do not include friction, nor the inertia of the rotors unless it is set 
 numbers).
 """
 
+import threading
 from collections.abc import Sequence
 from copy import copy
 from math import cos, hypot, sin
 from struct import Struct
-from threading import Lock
 from typing import Any, Final
 
 import numpy as np
@@ -48,7 +48,7 @@ class Dynamics:
         # reused in every control period: creating three new arrays takes as long as computing the torques
         self._motion = bytearray(_MOTION.size)
         self._q, self._qd, self._qdd = np.frombuffer(self._motion).reshape(3, 6)
-        self._lock = Lock()  # for what may be called from any thread
+        self._lock = threading.Lock()  # for what may be called from any thread
 
     def copy(self) -> "Dynamics":
         """The same arm with the same load, which can be given another one."""
