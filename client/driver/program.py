@@ -250,9 +250,9 @@ class ProgramSupervisor:
             await self._wait_until_left()
 
     async def _wait_until_left(self) -> None:
-        """Wait until the program has disconnected, or has ended by the robot's state: the end of its connection was lost.
+        """Wait until the program has disconnected. Raises ProgramStaysError.
 
-        Raises ProgramStaysError.
+        The end of its connection may be lost: a program that has ended by the robot's state has left, too.
         """
         try:
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
