@@ -250,9 +250,9 @@ class ProgramSupervisor:
             await self._wait_until_left()
 
     async def _wait_until_left(self) -> None:
-        """Wait until the program has disconnected, or ended by the robot's state: the end of its connection was lost.
+        """Wait until the program has disconnected. Raises ProgramStaysError.
 
-        Raises ProgramStaysError.
+        The end of its connection may be lost: a program that has ended by the robot's state has left, too.
         """
         try:
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
@@ -394,10 +394,22 @@ class ProgramSupervisor:
                     end.admit(peer)
                 return
 
+    def _drop_ended_program(self) -> None:
+        """Disconnect a program that had ended before its connection was accepted, because the event loop hung.
+
+        The end of such a connection may be lost; the robot's states never show its program running.
+        """
+        state = self._link.state
+        if state.taken_after_s < self._connected_s + _SETTLE_S or state["runtime_state"] not in _ENDED:
+            return
+        if self.reverse.connected and not self._has_ended and not self._has_played:
+            self.reverse.peer.abort()
+
     async def _report_alive(self) -> None:
         while True:
             self.keep_alive.report_alive()
             self._admit_foreign_program()
+            self._drop_ended_program()
             await asyncio.sleep(_KEEP_ALIVE_S)
 
     # late setpoints and lost programs

@@ -592,16 +592,28 @@ static void start_agent(void)
     pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 
+static struct process *vacancy(void)
+{
+    for (struct process *p = S->processes; p < S->processes + PROCESSES; p++)
+        if (!p->pid)
+            return p;
+    return NULL;
+}
+
 void join_clock(void)
 {
-    int pid = getpid();
     lock();
-    for (struct process *p = S->processes; p < S->processes + PROCESSES && !P; p++)
-        if (!p->pid) {
-            *p = (struct process){.pid = pid, .calls = p->calls, .timer = NEVER};
-            P = p;
-            S->joined++;
-        }
+    P = vacancy();
+    if (!P) { /* processes that were killed are noticed while nothing happens, which may be long ago */
+        for (struct process *p = S->processes; p < S->processes + PROCESSES; p++)
+            if (gone(p->pid))
+                forget_process(p->pid);
+        P = vacancy();
+    }
+    if (P) {
+        *P = (struct process){.pid = getpid(), .calls = P->calls, .timer = NEVER};
+        S->joined++;
+    }
     unlock();
     if (!P) {
         fprintf(stderr, "lockstep: more than %d processes\n", PROCESSES);

@@ -45,6 +45,12 @@ def run(*command: str, options: tuple[str, ...] = ("--without-robot",)) -> "subp
             20, "subprocess.run([sys.executable, '-c', 'import time; time.sleep(20)'], check=True)", id="child"
         ),
         pytest.param(40, "subprocess.run('sleep 30 & sleep 40; wait', shell=True, check=True)", id="shell"),
+        pytest.param(
+            20,
+            "assert {subprocess.run(['sh', '-c', 'kill -9 $$']).returncode for _ in range(200)} == {-9}\n"
+            "time.sleep(20)",
+            id="killed",
+        ),
         pytest.param(5, "while time.monotonic() < began + 5: pass", id="looks at the clock only"),
         pytest.param(
             9,

@@ -8,6 +8,7 @@ import logging
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import partial
@@ -211,6 +212,21 @@ class LostResult(Calm):
             await asyncio.sleep(5.0)  # the new program owes no result
             if arm.driver.loss_reason or not arm.driver.program_running:
                 self.problem(f"the new program has ended, too: {arm.driver.loss_reason}")
+
+
+class AcceptedTooLate(Calm):
+    """A program that has ended before a hanging event loop accepts its connections, which are gone, does not run."""
+
+    async def use(self) -> None:
+        async with AsyncRobot(ROBOT, realtime="off") as arm:
+            loop = asyncio.get_running_loop()
+            self.world.call_later(0.05, lambda: loop.call_soon_threadsafe(lambda: time.sleep(8.0)))
+            self.world.call_later(1.0, self.silence_programs)
+            with suppress(URError):
+                await self.call("make_ready", arm.make_ready)
+            await asyncio.sleep(1.0)
+            await self.call("make_ready", arm.make_ready)
+            await self.call("move_j", lambda: arm.move_j(moved(0.1)))
 
 
 class LostEnd(Calm):
@@ -427,6 +443,7 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
         TakenOver,
         LostResult,
         LostAtOnce,
+        AcceptedTooLate,
         LostEnd,
         LateNews,
         LatePoints,
