@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
 
@@ -98,6 +99,12 @@ def sources_in(name: str, data: bytes | None, project: Project, version: Polysco
     return [_test_source(name, path, data) or _script_source(name, path, data, project)]
 
 
+@lru_cache(maxsize=4)
+def script_file(name: str, data: bytes) -> ScriptFile:
+    """The programs of a text, which each version of a project and each request of an editor looks at."""
+    return ScriptFile(name, data)
+
+
 def content(name: str, file: BinaryIO) -> bytes:
     """The content of a file. Raises SourceError if it is too large."""
     data = file.read(MAX_BYTES + 1)
@@ -114,7 +121,7 @@ def _script_source(name: str, path: Path, data: bytes, project: Project) -> Sour
         data = to_bytes(text)
     lines = shown.split("\n")
     before = project.preamble_text.count(b"\n")
-    script = ScriptFile(name, project.preamble_text + data)
+    script = script_file(name, project.preamble_text + data)
 
     def place(line: int, column: int) -> Place | None:
         return _on(lines, line - before, column) if line > before else None

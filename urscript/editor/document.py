@@ -17,7 +17,7 @@ from urscript.check.checking import Finding, findings
 from urscript.check.project import Project
 from urscript.check.rules.variables import type_in_words
 from urscript.check.signatures import libraries, result_word
-from urscript.check.sources import SCRIPTS, sources_in
+from urscript.check.sources import SCRIPTS, script_file, sources_in
 from urscript.editor.symbols import Occurrence, Scope, Symbols
 from urscript.editor.text import Places
 from urscript.errors import CompileError
@@ -70,7 +70,7 @@ class Document:
     @cached_property
     def script(self) -> ScriptFile:
         """Its programs."""
-        return ScriptFile(self.path.with_suffix(SCRIPTS[0]).name, to_bytes(self.text))
+        return script_file(str(self.path.with_suffix(SCRIPTS[0])), to_bytes(self.text))
 
     @cached_property
     def symbols(self) -> Symbols:
