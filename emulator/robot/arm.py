@@ -44,7 +44,10 @@ _STANDING_RAD_S: Final = 0.005  # a slower arm counts as at rest (guess)
 
 
 class ArmState(NamedTuple):
-    """The arm at the end of a control period. ``measured``: the TCP as the controller reports it."""
+    """The arm at the end of a control period, as it is, as it should be, and as the controller measures it.
+
+    None of it changes, and most of it is computed when it is read.
+    """
 
     tool: ToolMotion
     target: ToolMotion
@@ -262,11 +265,12 @@ class Arm:
         else:
             self._drive(self.drives, torque, period_s, started=started)
         tool = self._moved_tool(before.tool, self.q, self.qd, period_s, started=started)
-        target = before.target
         if self.drives is None:
             target = tool
         elif news:
-            target = self._moved_tool(target, self.target_q, self.target_qd, period_s, started=started)
+            target = self._moved_tool(before.target, self.target_q, self.target_qd, period_s, started=started)
+        else:
+            target = before.target
         measured = self._measure(tool)
         sensors = self._read_sensors(tool, installation)
         self.state = ArmState(tool, target, measured, sensors, self._efforts(tool))
@@ -316,8 +320,7 @@ class Arm:
         self._payload, self._gravity = installation.payload, installation.gravity
         self._base_acceleration, self._mounted = installation.base_acceleration, self.mounted
         self._effective_gravity = add3(self._gravity, self._base_acceleration)
-        if self._known:
-            self.dynamics = self.dynamics.copy()  # what is computed later of the periods so far has the other one
+        self.dynamics = self.dynamics.copy()  # what is computed later of the periods so far has the other one
         self._load(self.dynamics, self._payload)
         self.bounds.load(self._payload.mass)
         loads = (self._payload, self._mounted or self._payload)
