@@ -228,7 +228,8 @@ class Runtime:
         self._holder: ScriptThread | None = None  # parked inside a critical section
         self._next_handle = 0
         self._in_statement = False
-        self._line: int | None = None  # while no thread runs
+        self._line: int | None = None  # of `_line_of`, while no thread runs
+        self._line_of: ScriptThread | None = None
         self._cells = {f"v_{name}": CellType() for name in program.global_names}
         self._namespace = self._make_namespace()
         self._add(program.code)
@@ -266,8 +267,8 @@ class Runtime:
     @property
     def line(self) -> int:
         """Line of the thread that owns the motion, else of the program body; 0 when finished."""
-        if self._line is None:
-            self._line = self._current_line()
+        if self._line is None or self._line_of is not self.motion_thread:
+            self._line, self._line_of = self._current_line(), self.motion_thread
         return self._line
 
     def _current_line(self) -> int:

@@ -187,6 +187,7 @@ class Control(VerbMethods):
     def _recorded(self, name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(method)
         def call(*values: Any, **named: Any) -> Any:
+            self.controller.published()  # the state of the last period, before the verb changes anything
             if (recorder := self.controller.recorder) is None:
                 return method(*values, **named)
             signature = inspect.signature(method)

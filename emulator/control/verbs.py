@@ -66,8 +66,7 @@ class Verbs:
 
     @property
     def controller(self) -> "Controller":
-        """The robot's controller, whose snapshot is that of the last period, whatever the verb changes."""
-        self._robot.controller.published()
+        """The robot's controller."""
         return self._robot.controller
 
     def _wait(self, steps: "Waiting[_T]") -> _T:

@@ -115,9 +115,7 @@ class Arm:
         self._force_zeroed = False
         self._released = False
         self._tool_at = partial(ToolState, self.kinematics, model.elbow_offset)
-        nowhere = self._tool_at(ZERO6, ZERO6, ZERO6)
-        tool = ToolMotion(nowhere, nowhere, 1.0)
-        self.state = ArmState(tool, tool, nowhere, FlangeSensors(tool, Payload(), ZERO3), self._no_efforts())
+        self.state = self._at_rest(ZERO6)
 
     # state
     # state
@@ -284,8 +282,7 @@ class Arm:
         self.target_q = self.q = self.measured_q = q
         self.target_qd = self.target_qdd = self.qd = self.qdd = self.measured_qd = ZERO6
         self.wrench = self.link_torque = self.friction_W = ZERO6
-        tool = self.state.tool
-        self.state = self.state._replace(sensors=FlangeSensors(tool, Payload(), ZERO3), efforts=self._no_efforts())
+        self.state = self._at_rest(q)
         self._force_bias = self._payload_error = ZERO6
         self.collisions.clear()
         self._payload = self._gravity = None
@@ -294,8 +291,12 @@ class Arm:
             self.drives.place(q)
             self._static_friction.forget()
 
-    def _no_efforts(self) -> Efforts:
-        return Efforts(self.dynamics, (self.target_q, self.target_qd, self.target_qdd))
+    def _at_rest(self, q: Vector6) -> ArmState:
+        """Without power and load."""
+        here = self._tool_at(q, ZERO6, self.tcp_offset)
+        tool = ToolMotion(here, here, 1.0)
+        sensors = FlangeSensors(tool, Payload(), ZERO3)
+        return ArmState(tool, tool, here, sensors, Efforts(self.dynamics, (q, ZERO6, ZERO6)))
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write the results of ``update`` to a snapshot."""

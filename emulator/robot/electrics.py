@@ -105,7 +105,8 @@ class Electrics:
             _rule(name, situation) for name in ("robot_current", "joint_voltages", "tool_voltage")
         )
         self._supply = supply
-        self._shown = "zero" not in (self._current, self._joint_voltages)  # what is drawn is seen in each period
+        # whether a period shows what is drawn
+        self._shown = self._current != "zero" or self._joint_voltages != "zero"
         period_s = situation.version.series.period_s
         metered = OUTPUT_FIELDS["actual_robot_energy_consumed"].available.covers(situation.version)
         self._reading_after = round(_METER_S / period_s) if metered else 0

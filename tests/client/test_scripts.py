@@ -94,7 +94,10 @@ class Robot:
             elif self._answers:
                 argument = (self._answers.pop(0),)
             else:
-                step, argument = type(flow).throw, (NoAnswerError("robot", 30001, 5.0),)
+                step, argument = (
+                    type(flow).throw,
+                    (NoAnswerError("robot", 30001, (self.limits and self.limits[-1]) or 5.0),),
+                )
 
 
 def started_and_stopped(name="hello"):

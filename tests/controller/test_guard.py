@@ -143,6 +143,7 @@ def test_a_failure_in_any_stage_is_a_fault_that_can_be_recovered_from(
 @pytest.mark.parametrize("stage", [stage for stage in STAGES if stage not in ("commands",)])
 def test_a_failure_in_every_period_is_reported_once_and_the_ports_stay_up(make, tmp_path, monkeypatch, caplog, stage):
     rig = moving_rig(make, tmp_path)
+    rig.controller.subscribe(lambda _: None)  # otherwise, what is published is not computed until it is read
     with monkeypatch.context() as broken:
         break_for_good(broken, *STAGES[stage](rig.controller))
         rig.seconds(4.0)

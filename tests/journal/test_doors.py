@@ -268,8 +268,15 @@ READ = {
     "shutdown_requested",
     "version",
 }
-READ |= {"commands_waiting", "execution_time_ms", "guard.problem", "power.running", "programs.texts_waiting", "time_s"}
-READ |= {"situation", "snapshot", "work", "world"}
+READ |= {
+    "commands_waiting",
+    "execution_time_ms",
+    "guard.problem",
+    "power.running",
+    "programs.texts_waiting",
+    "safety.mode",
+}
+READ |= {"situation", "snapshot", "time_s", "work", "world"}
 PARTS = {
     "servers": {"post", "subscribe", "local_control", "version.series.frequency_hz"},
     "app.py": {"tick", "recorder", "programs", "programs.modbus.backend", "programs.socket_backend", "programs.stop"}
