@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 from math import hypot
 from operator import attrgetter
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
 from urproto.compat import Self
@@ -30,6 +30,8 @@ from urproto.modes import (
 from urproto.primary.messages import RobotMessage
 from urproto.primary.program_state import VariableMessage
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
+
+ValueT = TypeVar("ValueT")
 
 _MAX_PLAUSIBLE: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: beyond any arm and its load (guess)
 _STILL: Final = SimpleNamespace(pose=ZERO6, speed=ZERO6, elbow_position=ZERO3)
@@ -59,17 +61,9 @@ def plausible(*numbers: float) -> bool:
     return all(-_MAX_PLAUSIBLE < number < _MAX_PLAUSIBLE for number in numbers)
 
 
-def _six(path: str) -> Vector6:
-    """Six values of the arm, which are computed when they are read."""
+def _of_arm(path: str, like: ValueT) -> ValueT:
+    """A value of the arm, of the type of the example, which is computed when it is read."""
     return property(attrgetter(f"arm.{path}"))  # type: ignore[return-value]  # as seen from outside
-
-
-def _three(path: str) -> Vector3:
-    return property(attrgetter(f"arm.{path}"))  # type: ignore[return-value]
-
-
-def _number(path: str) -> float:
-    return property(attrgetter(f"arm.{path}"))  # type: ignore[return-value]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -86,24 +80,24 @@ class Snapshot:
     timestamp: float = 0.0  # controller uptime [s], from the step counter
     # the arm, whose poses, speeds, torques and currents are computed when they are read
     arm: Any = field(default_factory=lambda: _NO_ARM)
-    actual_TCP_pose = _six("measured.pose")
-    actual_TCP_speed = _six("measured.speed")
-    actual_TCP_force = _six("sensors.force")  # N, Nm
-    target_TCP_pose = _six("target.now.pose")
-    target_TCP_speed = _six("target.now.speed")
-    actual_TCP_acceleration = _six("tool.acceleration")
-    target_TCP_acceleration = _six("target.acceleration")
-    elbow_position = _three("tool.now.elbow_position")
-    elbow_velocity = _three("tool.elbow_velocity")
-    actual_tool_accelerometer = _three("sensors.acceleration")  # m/s2
-    ft_raw_wrench = _six("sensors.raw_wrench")  # in the flange frame
-    actual_momentum = _number("efforts.momentum")
-    target_moment = _six("efforts.target_torque")
-    target_current = _six("efforts.target_current")
-    actual_current = _six("efforts.actual_current")
-    actual_current_as_torque = _six("efforts.actual_torque")
-    joint_control_output = _six("efforts.control_output")
-    target_base_wrench = _six("efforts.base_wrench")
+    actual_TCP_pose = _of_arm("measured.pose", ZERO6)
+    actual_TCP_speed = _of_arm("measured.speed", ZERO6)
+    actual_TCP_force = _of_arm("sensors.force", ZERO6)  # N, Nm
+    target_TCP_pose = _of_arm("target.now.pose", ZERO6)
+    target_TCP_speed = _of_arm("target.now.speed", ZERO6)
+    actual_TCP_acceleration = _of_arm("tool.acceleration", ZERO6)
+    target_TCP_acceleration = _of_arm("target.acceleration", ZERO6)
+    elbow_position = _of_arm("tool.now.elbow_position", ZERO3)
+    elbow_velocity = _of_arm("tool.elbow_velocity", ZERO3)
+    actual_tool_accelerometer = _of_arm("sensors.acceleration", ZERO3)  # m/s2
+    ft_raw_wrench = _of_arm("sensors.raw_wrench", ZERO6)  # in the flange frame
+    actual_momentum = _of_arm("efforts.momentum", 0.0)
+    target_moment = _of_arm("efforts.target_torque", ZERO6)
+    target_current = _of_arm("efforts.target_current", ZERO6)
+    actual_current = _of_arm("efforts.actual_current", ZERO6)
+    actual_current_as_torque = _of_arm("efforts.actual_torque", ZERO6)
+    joint_control_output = _of_arm("efforts.control_output", ZERO6)
+    target_base_wrench = _of_arm("efforts.base_wrench", ZERO6)
     # joints: rad, rad/s, rad/s2, A
     target_q: Vector6 = ZERO6
     target_qd: Vector6 = ZERO6

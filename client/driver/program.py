@@ -34,7 +34,7 @@ _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within 
 _CLOSING_S: Final = 0.1  # guess: the ends of all connections of one program arrive within this
 _TOKEN_DELAY_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
 _LAST_RESULT_S: Final = 1.0  # guess: results that a program sent before its end have arrived within this
-_RESULT_CHECK_S: Final = 2.0
+_RESULT_CHECK_S: Final = 2.0  # guess: rare enough to cost nothing; a lost result is noticed at the second check
 _LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
 
 _logger = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from emulator.snapshot import Snapshot
+from emulator.snapshot import NAMES, Snapshot
 from urproto.compat import IntEnum
 from urproto.text import number
 
@@ -78,6 +78,8 @@ def _term(text: str, outside: Outside) -> Comparison:
         raise ValueError(f"{text!r} is not a condition: write a field, ==, !=, <, <=, > or >=, and a value")
     name, index, sign, value = match.groups()
     if "." not in name:
+        if name not in NAMES:
+            raise _unknown(name)
         example = _value_of(_FIELDS, name, index)
         return Comparison(lambda snapshot: _value_of(snapshot, name, index), sign, _constant(value.strip(), example))
     if (read := outside(name)) is None:
@@ -104,9 +106,12 @@ def _value_of(snapshot: Snapshot, name: str, index: str | None) -> Any:
     try:
         value = getattr(snapshot, name)
         return value if index is None else value[int(index)]
-    except (AttributeError, TypeError, IndexError):
-        place = name if index is None else f"{name}[{index}]"
-        raise ValueError(f"there is no field {place}: the verb state lists the fields") from None
+    except (TypeError, IndexError):
+        raise _unknown(name if index is None else f"{name}[{index}]") from None
+
+
+def _unknown(place: str) -> ValueError:
+    return ValueError(f"there is no field {place}: the verb state lists the fields")
 
 
 def _constant(text: str, example: Any) -> Any:

@@ -25,7 +25,7 @@ from urproto.vectors import ZERO6, Vector6, as_six
 
 ROOM_C: Final = 24.0
 _PERIOD_S: Final = 1.0
-_METER_S: Final = 0.008
+_METER_S: Final = 0.008  # between readings of the energy meter, the period of the slower series (guess)
 # Measured: 1650 to 2300 s (mean 2020) for the joints of a real UR3 over 49 minutes ("UR3 CobotOps", UCI, in
 # SparkyWolf1/python_industrial_automation_homeworks), which an exponential fits within 0.05 K. Rises: those of a warm
 # CB3 arm (tests/controller/test_field_truth.py); in a hall at 29 degrees, the UR3's final values are within 1 K of

@@ -54,6 +54,8 @@ def test_steps_are_control_periods(robot: VirtualRobot) -> None:
     ("condition", "complaint"),
     [
         ("robot_mode", "is not a condition"),
+        ("arm == 1", "there is no field arm"),
+        ("values == 1", "there is no field values"),
         ("robotmode == RUNNING", "no field robotmode"),
         ("actual_q[6] > 0", r"no field actual_q\[6\]"),
         ("timestamp[0] > 0", r"no field timestamp\[0\]"),
