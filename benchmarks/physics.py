@@ -26,7 +26,6 @@ from emulator.clock import ClockStatistics, RealClock
 from emulator.commands.requests import ScriptUnit
 from emulator.config import EmulatorConfig, controller_config
 from emulator.controller import Controller
-from emulator.learning.pick_and_place import LONGEST
 from emulator.physics.world import PhysicsWorld
 from emulator.realtime import claim_real_time, freeze_heap
 
@@ -45,7 +44,8 @@ SECONDS = 20.0
 CAMERA_HZ = 10
 _SETTLE_S = 3.0  # the first periods, and the first picture, pay for first-time costs
 EPISODES = 6
-_POLICY = Path(__file__).resolve().parents[1] / "examples" / "learning" / "scripted_policy.py"
+STEPS = 250  # of an episode with random actions, 10 s of robot time
+_POLICY = Path(__file__).resolve().parents[1] / "examples" / "learning" / "scripted_policies.py"
 
 
 def measure() -> Table:
@@ -236,7 +236,7 @@ def measure_learning() -> Table:
     """Robot seconds of PickAndPlace per second of CPU time, compared with MuJoCo alone."""
     rows = []
     for name in ("random", "scripted"):
-        env = gymnasium.make("emulator.learning:ur_emulator/PickAndPlace-v0")
+        env = gymnasium.make("emulator.learning:ur_emulator/PickAndPlace-v1")
         env.reset(seed=0)
         task: Any = env.unwrapped
         bare = bare_steps(task.robot.controller)
@@ -247,7 +247,7 @@ def measure_learning() -> Table:
     count = os.cpu_count() or 1
     rows.append([f"random, in {count} processes", f"{_vector_pace(count):.1f}", "", ""])
     note = (
-        f"Robot seconds of ur_emulator/PickAndPlace-v0 (125 Hz, no cameras) per second of CPU time: best of {EPISODES} "
+        f"Robot seconds of ur_emulator/PickAndPlace-v1 (125 Hz, no cameras) per second of CPU time: best of {EPISODES} "
         "episodes including their resets. Actions are random, or those of the example's scripted policy. Bare: "
         "`mj_step` of its scene at rest, and nothing else, between the episodes. In processes: a vector environment "
         "with one process per core, per second of real time. Requirement: 60."
@@ -256,7 +256,7 @@ def measure_learning() -> Table:
 
 
 def _pace(env: "gymnasium.Env[Any, Any]", actions: str, seed: int) -> float:
-    policy = runpy.run_path(str(_POLICY))["ScriptedPolicy"]()
+    policy = runpy.run_path(str(_POLICY))["PickAndPlace"](env)
     steps, over, began = 0, False, time.process_time()
     seen, _ = env.reset(seed=seed)
     while not over:
@@ -270,7 +270,7 @@ def _pace(env: "gymnasium.Env[Any, Any]", actions: str, seed: int) -> float:
 def _vector_pace(count: int) -> float:
     """Robot seconds per second of real time of all environments together."""
     envs = gymnasium.make_vec(
-        "emulator.learning:ur_emulator/PickAndPlace-v0",
+        "emulator.learning:ur_emulator/PickAndPlace-v1",
         num_envs=count,
         vectorization_mode="async",
         vector_kwargs={"context": "spawn"},
@@ -281,9 +281,9 @@ def _vector_pace(count: int) -> float:
         paces = []
         for _ in range(EPISODES):
             began = time.monotonic()
-            for _ in range(LONGEST):
+            for _ in range(STEPS):
                 envs.step(envs.action_space.sample())
-            paces.append(count * LONGEST * step_s / (time.monotonic() - began))
+            paces.append(count * STEPS * step_s / (time.monotonic() - began))
         return max(paces)
     finally:
         envs.close()

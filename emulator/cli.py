@@ -28,6 +28,11 @@ _COMMANDS: Final = (
         "emulator.campaign.command:app",
         "Run programs or tests many times in virtual time, on all cores or a cluster.",
     ),
+    (
+        "evaluate",
+        "emulator.evaluation.command:app",
+        "Evaluate a policy in episodes of a task, in virtual time.",
+    ),
     ("facts", "emulator.facts_command:app", "Print what is known and what is guessed about a PolyScope version."),
     (
         "exec",

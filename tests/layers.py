@@ -29,6 +29,7 @@ EMULATOR_LEVELS = (
     ("debugger", "learning", "lockstep", "replay_command", "trace_command"),
     ("script_cli",),
     ("fleet", "campaign", "explore"),
+    ("evaluation",),
     ("cli",),
     ("__main__",),
 )

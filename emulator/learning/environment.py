@@ -6,6 +6,7 @@ arm.
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 
@@ -14,17 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulator.control.snapshots import check_rest
+from emulator.learning.task_file import TaskError
 from emulator.physics import open_cameras
 from emulator.virtual import virtual_robot
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import RuntimeState, SafetyMode
-from urproto.vectors import all_finite
+from urproto.vectors import Vector6, all_finite
 
 if TYPE_CHECKING:
     from emulator.physics.cameras import Cameras
+    from emulator.physics.world import PhysicsWorld
     from emulator.snapshot import Snapshot
     from emulator.virtual import VirtualRobot
-    from emulator.world.world import World
 
 Observation = TypeVar("Observation")
 Action = TypeVar("Action")
@@ -36,10 +38,7 @@ FIRST_BIT: Final = 64
 _SEEDS: Final = 2**32
 _SETTLING_S: Final = 0.5  # in which objects come to rest before the first episode
 _STOPPING_S: Final = 2.0  # for an arm to stand still after its program was stopped; then a new robot replaces it
-
-
-class TaskError(Exception):
-    """The task is invalid: its program does not start, or its robot cannot be put into the initial state."""
+_LONGEST_STEP_S: Final = 10.0
 
 
 class RobotEnv(gymnasium.Env[Observation, Action]):
@@ -49,16 +48,20 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
     implements `arrange`, `act`, `observe` and `judge`. An episode ends when the robot stops for any reason, which
     ``info`` contains as ``stopped``.
 
-    model: name of the arm. step_s: a multiple of the control period, which is 8 ms for a CB3 arm. camera: name of a
-    camera of the scene, for ``rgb_array``. options: those of ``virtual_robot``, for example ``fault`` or
-    ``arm="dynamic"``. Raises TaskError, and whatever ``virtual_robot`` raises.
+    model: name of the arm. step_s: a multiple of the control period, which is 8 ms for a CB3 arm. latency_s: how long
+    the policy computes: in each step the last action goes on for that time; a step takes longer than ``step_s`` if
+    the policy does, and ``info`` then contains ``late``. Of several values, each step draws one. camera: name of a
+    camera of the scene, for ``rgb_array``. recorded: whether the robot keeps a journal of what the environment does.
+    options: those of ``virtual_robot``, for example ``fault`` or ``arm="dynamic"``. Raises TaskError, and whatever
+    ``virtual_robot`` raises.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 25}  # type: ignore[misc]
-    world: ClassVar[Path]
+    world: Path
     """The scene: a world file, MJCF or URDF."""
-    program: ClassVar[str]
-    """URScript that runs during an episode. ``{step_s}`` in it becomes the length of a step [s]."""
+    program: str
+    """URScript that runs during an episode. ``{step_s}`` in it becomes the time [s] after which it looks for the next
+    action: the length of a step, or a control period if actions have a latency."""
 
     def __init__(
         self,
@@ -66,7 +69,9 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         render_mode: str | None = None,
         model: str = "ur5",
         step_s: float = 0.04,
+        latency_s: float | Sequence[float] = 0.0,
         camera: str = "overview",
+        recorded: bool = False,
         **options: Any,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -74,14 +79,19 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         self.render_mode = render_mode
         self._camera = camera
         self._cameras: Cameras | None = None
-        self._options = {"world": self.world, "physics": True, "running": True, "recorded": False, **options}
+        latencies_s = [latency_s] if isinstance(latency_s, int | float) else list(latency_s)
+        for name, times_s, least_s in (("step_s", [step_s], 0.001), ("latency_s", latencies_s, 0.0)):
+            if not times_s or not all(least_s <= each_s <= _LONGEST_STEP_S for each_s in times_s):
+                raise TaskError(f"{name} must be from {least_s:g} to {_LONGEST_STEP_S:g} s, not {times_s}")
+        self._options = {"world": self.world, "physics": True, "running": True, "recorded": recorded, **options}
         self._model = model
         self.robot: VirtualRobot = virtual_robot(model, **self._options)
         period_s = self.robot.controller.period_s
         self._periods = max(1, round(step_s / period_s))
         self.step_s: float = self._periods * period_s
+        self._latencies = [round(each_s / period_s) for each_s in latencies_s]  # in periods
         vars(self)["metadata"] = {**self.metadata, "render_fps": round(1.0 / self.step_s)}  # Gymnasium reads it there
-        self._script = self.program.replace("{step_s}", f"{self.step_s:.6f}")
+        self._script = self.program.replace("{step_s}", f"{period_s if any(self._latencies) else self.step_s:.6f}")
         self._prepare()
 
     # implemented by a task
@@ -102,6 +112,16 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
     def judge(self) -> tuple[float, bool, dict[str, Any]]:
         """The reward of the last step, whether the episode is over, and further information."""
 
+    # which a task may extend
+
+    def furnish(self) -> None:
+        """Change the scene once, before the first episode."""
+
+    def keep_still(self) -> None:
+        """Write registers with which the program keeps the arm where it is; called before the program starts."""
+        self.write(*[0.0] * 6)
+        self.switch(False)
+
     # available to a task
 
     @property
@@ -110,11 +130,24 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         return self.robot.controller.snapshot
 
     @property
-    def scene(self) -> "World":
-        """The objects around the arm: ``pose()``, ``poses()``, ``move()``."""
-        world = self.robot.controller.world
-        assert world is not None
-        return world
+    def scene(self) -> "PhysicsWorld":
+        """The objects around the arm: ``pose()``, ``poses()``, ``velocity()``."""
+        world: Any = self.robot.controller.world
+        found: PhysicsWorld = world
+        return found
+
+    def picture(self, camera: str) -> NDArray[np.uint8]:
+        """What a camera of the scene sees (height, width, 3). Raises CameraError."""
+        if self._cameras is None:
+            self._cameras = open_cameras(self.scene)
+        return self._cameras.rgb(camera)
+
+    def move(self, name: str, pose: Vector6) -> None:
+        """Move an object of the scene to a pose in the base frame. Raises WorldError for an unknown name."""
+        if self.robot.controller.recorder is None:
+            self.scene.move(name, pose)
+        else:
+            self.robot.move_object(name, pose)
 
     @property
     def stopped(self) -> str:
@@ -128,14 +161,20 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         if not all_finite(values):
             raise ValueError(f"an action must be finite numbers, not {list(values)}")
         registers = self.robot.controller.registers.input
-        for i, value in enumerate(values):
-            registers.set_double(FIRST_REGISTER + i, float(value))
+        for i, value in enumerate(values, FIRST_REGISTER):
+            if self.robot.controller.recorder is None:
+                registers.set_double(i, float(value))
+            else:
+                self.robot.set_input_register("double", i, float(value))
 
     def switch(self, *levels: bool) -> None:
         """Write bit input registers, from `FIRST_BIT` on."""
         registers = self.robot.controller.registers.input
-        for i, level in enumerate(levels):
-            registers.set_bit(FIRST_BIT + i, bool(level))
+        for i, level in enumerate(levels, FIRST_BIT):
+            if self.robot.controller.recorder is None:
+                registers.set_bit(i, bool(level))
+            else:
+                self.robot.set_input_register("bit", i, float(level))
 
     # the interface of Gymnasium
 
@@ -144,28 +183,29 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode: robot and scene return to their initial state, which `arrange` varies."""
         super().reset(seed=seed)
-        self._return()
-        self.robot.controller.chances.restart(int(self.np_random.integers(_SEEDS)))
+        self._return(int(self.np_random.integers(_SEEDS)))
         self.arrange(options or {})
         self._begin()
         return self.observe(), {}
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Act, advance robot time by ``step_s``, and observe."""
+        """Act, after the policy's latency, advance robot time by ``step_s`` in all, and observe."""
+        waited = self._latencies[0] if len(self._latencies) == 1 else int(self.np_random.choice(self._latencies))
+        if waited:
+            self.robot.step(waited)
         self.act(action)
-        self.robot.step(self._periods)
+        if waited < self._periods:
+            self.robot.step(self._periods - waited)
         reward, terminated, info = self.judge()
+        if waited > self._periods:
+            info = info | {"late": True}
         if self.stopped:
             terminated, info = True, info | {"stopped": self.stopped}
         return self.observe(), float(reward), terminated, False, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The image of the camera (height, width, 3). Raises CameraError if rendering is not available."""
-        if self.render_mode is None:
-            return None
-        if self._cameras is None:
-            self._cameras = open_cameras(self.scene)
-        return self._cameras.rgb(self._camera)
+        return None if self.render_mode is None else self.picture(self._camera)
 
     def close(self) -> None:
         """Release graphics memory."""
@@ -177,6 +217,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
 
     def _prepare(self) -> None:
         """Save the initial state of episodes, after the program has run once, because that compiles it."""
+        self.furnish()
         self._wait(_SETTLING_S)
         self._begin()
         if not self._rest():
@@ -187,25 +228,27 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
             raise TaskError(f"{type(self).__name__}: {error}") from error
 
     def _begin(self) -> None:
+        self.keep_still()
         if not self.robot.send_script(self._script):
             raise TaskError(f"{type(self).__name__}: its program does not start: {' '.join(self.robot.log(3))}")
         self.robot.step(1)
 
-    def _return(self) -> None:
+    def _return(self, seed: int) -> None:
         if not self._rest():
             self.close()
             self.robot = virtual_robot(self._model, **self._options)
             self._prepare()
         try:
-            self.robot.restore(self._beginning)
+            chances = self.robot.controller.chances
+            self.robot.restore({**self._beginning, "chances": chances.begun(seed)})
+            chances.restart(seed)  # also for streams that begin later
         except (NotPossible, BadArguments) as error:
             raise TaskError(f"{type(self).__name__}: {error}") from error
 
     def _rest(self) -> bool:
         """Stop everything, so that the state can be saved; False if that takes too long."""
         controller = self.robot.controller
-        controller.programs.stop("the episode ended")
-        self.write(*[0.0] * 6)
+        self.robot.dashboard("stop")
         self.switch(False)
         if controller.safety.mode is SafetyMode.PROTECTIVE_STOP:
             self.robot.unlock_protective_stop()

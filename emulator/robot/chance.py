@@ -31,6 +31,10 @@ class Chances:
         for name, stream in self._streams.items():
             stream.seed(f"{name} {seed}")
 
+    def begun(self, seed: int) -> dict[str, Any]:
+        """The state of all streams after `restart`, for `restore`."""
+        return {name: _saved(Random(f"{name} {seed}")) for name in self._streams}
+
     def save(self) -> dict[str, Any]:
         """The state of all streams, for `restore`."""
         return {name: _saved(stream) for name, stream in self._streams.items()}

@@ -1,0 +1,191 @@
+"""Plays episodes of a task with a policy, and measures what the arm does in each control period.
+
+A policy is a callable: the action for an observation. If it has ``reset(seed)``, that is called before each episode;
+it may then draw random numbers, and have a memory. The seed of an episode determines it completely, wherever it is
+played.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache
+from math import dist, hypot, sqrt
+from typing import TYPE_CHECKING, Any, Final
+
+from emulator.evaluation.loading import EvaluationError, called, load_named
+from emulator.learning import GoalEnv, RobotEnv, TaskError
+from urproto.vectors import sub
+
+if TYPE_CHECKING:
+    from emulator.snapshot import Snapshot
+
+RANDOM: Final = "random"
+LATENCY: Final = "latency_s"
+Policy = Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is evaluated. task: of `GoalEnv`, or ``FILE.py:CLASS``. policy: ``FILE.py:NAME``, called with the
+    environment, or ``random``. options: of the environment. latency: where that of its options is from. steps: of an
+    episode; 0 stands for those of the task."""
+
+    task: str
+    policy: str
+    options: tuple[tuple[str, Any], ...] = ()
+    latency: str = ""
+    steps: int = 0
+
+    def environment(self, **options: Any) -> RobotEnv[Any, Any]:
+        """A new environment. Raises EvaluationError."""
+        chosen = dict(self.options) | options
+        try:
+            if ":" in self.task:
+                return called(f"the task {self.task}", load_named(self.task), **chosen)  # type: ignore[no-any-return]
+            return GoalEnv(self.task, continuing_task=False, **chosen)
+        except (TaskError, TypeError, ValueError, OSError) as error:
+            raise EvaluationError(str(error)) from error
+
+    def length(self, env: RobotEnv[Any, Any]) -> int:
+        """Steps of an episode at most. Raises EvaluationError if nobody says how many."""
+        if self.steps:
+            return self.steps
+        if isinstance(env, GoalEnv):
+            return env.task.steps
+        raise EvaluationError(f"{self.task} does not say how many steps an episode has: use --steps")
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What happened in an episode.
+
+    duration_s: robot time. reward: sum. path_m: of the TCP. jerk_rad_s3: root mean square of the joints' jerk, from
+    the accelerations of the target in two control periods. force_N: the largest at the TCP. late: steps in which the
+    policy took longer than a step. stopped: why the robot or the task ended it, "" otherwise.
+    """
+
+    seed: int
+    success: bool
+    steps: int
+    duration_s: float
+    reward: float
+    path_m: float
+    jerk_rad_s3: float
+    force_N: float
+    late: int
+    stopped: str
+
+
+@dataclass
+class _Meter:
+    """Measures the arm in each control period, from its state at the end of the one before."""
+
+    period_s: float
+    path_m: float = 0.0
+    force_N: float = 0.0
+    _squares: float = 0.0
+    _periods: int = 0
+    _place: Sequence[float] = field(default_factory=tuple)
+    _qdd: Sequence[float] = field(default_factory=tuple)
+
+    def take(self, state: "Snapshot") -> None:
+        """Take the next control period into account."""
+        place, qdd = state.actual_TCP_pose[:3], state.target_qdd
+        if self._qdd:
+            self.path_m += dist(place, self._place)
+            self._squares += sum(step * step for step in sub(qdd, self._qdd)) / self.period_s**2
+            self._periods += 1
+        self._place, self._qdd = place, qdd
+        self.force_N = max(self.force_N, hypot(*state.actual_TCP_force[:3]))
+
+    @property
+    def jerk_rad_s3(self) -> float:
+        return sqrt(self._squares / self._periods) if self._periods else 0.0
+
+
+class _RandomPolicy:
+    """Any action."""
+
+    def __init__(self, env: RobotEnv[Any, Any]) -> None:
+        self._actions = env.action_space
+
+    def reset(self, seed: int) -> None:
+        self._actions.seed(seed)
+
+    def __call__(self, seen: Any) -> Any:
+        return self._actions.sample()
+
+
+def play(setting: Setting, seeds: Sequence[int]) -> list[Episode]:
+    """Play an episode for each seed, in one environment. Raises EvaluationError."""
+    env, policy = _prepared(setting)
+    return [play_one(env, policy, setting.length(env), seed) for seed in seeds]
+
+
+def play_one(
+    env: RobotEnv[Any, Any],
+    policy: Policy,
+    steps: int,
+    seed: int,
+    on_step: Callable[[], None] = lambda: None,
+) -> Episode:
+    """Play one episode. on_step: called at its beginning, and after each step. Raises EvaluationError."""
+    if hasattr(policy, "reset"):
+        called("the policy's reset(seed)", policy.reset, seed)
+    seen, _ = env.reset(seed=seed)
+    meter = _Meter(env.robot.controller.period_s)
+    began_s, reward, late, done, ended, info = env.state.timestamp, 0.0, 0, 0, False, {}
+    on_step()
+    with _measured(env, meter):
+        while done < steps and not ended:
+            action = called(f"the policy, in step {done} of episode {seed},", policy, seen)
+            seen, gained, ended, _, info = called(f"step {done} of episode {seed}", env.step, action)
+            reward, done, late = reward + gained, done + 1, late + bool(info.get("late"))
+            on_step()
+    state = env.state
+    meter.take(state)
+    return Episode(
+        seed,
+        bool(info.get("is_success")),
+        done,
+        round(state.timestamp - began_s, 6),
+        reward,
+        meter.path_m,
+        meter.jerk_rad_s3,
+        meter.force_N,
+        late,
+        str(info.get("stopped", "")),
+    )
+
+
+def policy_of(setting: Setting, env: RobotEnv[Any, Any]) -> Policy:
+    """A new policy. Raises EvaluationError."""
+    if setting.policy == RANDOM:
+        return _RandomPolicy(env)
+    policy = called(f"the policy {setting.policy}", load_named(setting.policy), env)
+    if not callable(policy):
+        raise EvaluationError(
+            f"{setting.policy} returned {type(policy).__name__}, which cannot be called with an observation"
+        )
+    found: Policy = policy
+    return found
+
+
+@lru_cache(maxsize=1)
+def _prepared(setting: Setting) -> tuple[RobotEnv[Any, Any], Policy]:
+    env = setting.environment()
+    return env, policy_of(setting, env)
+
+
+@contextmanager
+def _measured(env: RobotEnv[Any, Any], meter: _Meter) -> Iterator[None]:
+    controller = env.robot.controller
+
+    def take() -> None:
+        meter.take(controller.snapshot)
+
+    controller.on_tick.append(take)
+    try:
+        yield
+    finally:
+        controller.on_tick.remove(take)

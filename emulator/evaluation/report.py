@@ -1,0 +1,105 @@
+"""What an evaluation found, as text and as JSON: without times of this machine, so that it is the same each time."""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from statistics import fmean, median
+from typing import Any, Final
+
+from emulator.evaluation.episodes import LATENCY, Episode, Setting
+from emulator.evaluation.statistics import CONFIDENCE, decided, success_interval
+
+_MEASURES: Final = (
+    ("duration_s", "robot time", "s"),
+    ("steps", "steps", ""),
+    ("reward", "reward", ""),
+    ("path_m", "path of the TCP", "m"),
+    ("jerk_rad_s3", "jerk of the joints", "rad/s3"),
+    ("force_N", "largest force", "N"),
+)
+_ROW: Final = "{:28}{:>10}{:>10}{:>10}"
+
+
+@dataclass(frozen=True)
+class Report:
+    """Results of an evaluation, in the order of the seeds. between: the rates of the sequential test, if it was asked
+    for."""
+
+    setting: Setting
+    episodes: Sequence[Episode]
+    between: tuple[float, float] | None = None
+
+    @property
+    def successes(self) -> int:
+        """Number of episodes that reached the goal."""
+        return sum(episode.success for episode in self.episodes)
+
+    @property
+    def rate(self) -> float:
+        """The share of episodes that reached the goal."""
+        return self.successes / len(self.episodes)
+
+    @property
+    def decision(self) -> float | None:
+        """The rate for which the sequential test decided; None if it did not, or was not asked for."""
+        if self.between is None:
+            return None
+        return decided([episode.success for episode in self.episodes], *self.between)[1]
+
+    def text(self) -> str:
+        """The report for a terminal."""
+        low, high = success_interval(self.successes, len(self.episodes))
+        lines = [
+            f"{self.setting.task}: {self.successes} of {len(self.episodes)} episodes reached the goal: "
+            f"{self.rate:.1%} ({CONFIDENCE:.0%} confidence: {low:.1%} to {high:.1%})"
+        ]
+        if self.between is not None:
+            rates = "{:g} or {:g}".format(*self.between)
+            found = "not decided" if self.decision is None else f"{self.decision:g}"
+            lines.append(f"success rate of {rates}: {found}")
+        lines.append(_ROW.format("", "median", "least", "most"))
+        for name, title, unit in _MEASURES:
+            values = [getattr(episode, name) for episode in self.episodes]
+            shown = [f"{value:.4g}" for value in (median(values), min(values), max(values))]
+            lines.append(_ROW.format(f"{title} [{unit}]" if unit else title, *shown))
+        if late := sum(episode.late for episode in self.episodes):
+            lines.append(f"{late} of {sum(episode.steps for episode in self.episodes)} actions were late")
+        lines += [f"{count} ended early: {why}" for why, count in self._stops()]
+        if missed := [episode.seed for episode in self.episodes if not episode.success]:
+            lines.append(f"seeds of episodes that did not reach it: {_listed(missed)}")
+        return "\n".join(lines)
+
+    def json(self) -> str:
+        """The report for programs: with each episode."""
+        low, high = success_interval(self.successes, len(self.episodes))
+        means = {name: fmean(getattr(episode, name) for episode in self.episodes) for name, *_ in _MEASURES}
+        content: dict[str, Any] = {
+            "task": self.setting.task,
+            "policy": self.setting.policy,
+            "options": {name: value for name, value in self.setting.options if name != LATENCY},
+            "latency": self.setting.latency,
+            "episodes": len(self.episodes),
+            "success": {
+                "count": self.successes,
+                "rate": self.rate,
+                "low": low,
+                "high": high,
+                "confidence": CONFIDENCE,
+            },
+            "mean": means,
+            "late": sum(episode.late for episode in self.episodes),
+            "stops": dict(self._stops()),
+        }
+        if self.between is not None:
+            content["sequential_test"] = {"between": self.between, "decision": self.decision}
+        content["each"] = [asdict(episode) for episode in self.episodes]
+        return json.dumps(content, indent=1) + "\n"
+
+    def _stops(self) -> list[tuple[str, int]]:
+        return Counter(episode.stopped for episode in self.episodes if episode.stopped).most_common()
+
+
+def _listed(numbers: Iterable[int], most: int = 20) -> str:
+    every = [*numbers]
+    return ", ".join(map(str, every[:most])) + (f" and {len(every) - most} more" if len(every) > most else "")
