@@ -83,7 +83,11 @@ CLIENT_LAYERS: dict[str, Layer] = {
         ("client.identification",),
         ("ports", "recording"),
     ),
-    "lerobot": Layer("recordings as datasets for training policies", ("client.lerobot",), ("ports", "recording")),
+    "lerobot": Layer(
+        "recordings as datasets for training policies; a robot of LeRobot",
+        ("client.lerobot",),
+        ("ports", "cameras", "robot", "recording"),
+    ),
     "programs": Layer("program trees: opening, checking, saving", ("client.programs",), ("ports",)),
     "difference_page": Layer(
         "program trees: the page of a comparison", ("client.difference_page",), ("ports", "recording", "programs")

@@ -70,6 +70,7 @@ THIRD_PARTY = {
     "mujoco": ("emulator.physics",),
     "PIL": ("emulator.physics.drawing", "emulator.evaluation.failures", "client.lerobot"),
     "gymnasium": ("emulator.learning",),
+    "lerobot": ("client.lerobot.devices",),
     "mcp": ("client.mcp",),
     "pyarrow": ("emulator.campaign.journal", "client.lerobot.dataset"),
     "ray": ("emulator.campaign.cluster",),

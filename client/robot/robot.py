@@ -21,6 +21,7 @@ from client.robot.readiness import Readiness
 from client.robot.settings import Settings
 from client.robot.state import MORE_OUTPUTS, OUTPUTS, RobotState
 from client.robot.streaming import Streams
+from client.robot.waypoints import Waypoints
 from urproto.compat import Self
 from urproto.errors import RobotRefused
 from urproto.robots import Joints
@@ -33,6 +34,7 @@ _OPERATIONS: Final[Mapping[str, tuple[type, str]]] = {
     "_moves": (Moves, "move_j move_l move_p move_c sequence speed_j speed_l jog move_until_contact progress"),
     "planning": (PlannedMotion, "plan_to"),
     "_streams": (Streams, "servo_j servo_pose velocity_j velocity_l direct_torque stream"),
+    "_waypoints": (Waypoints, "waypoints_j waypoints_pose"),
     "_compliance": (Compliance, "freedrive force_mode"),
     "driver": (URDriver, "set_payload set_target_payload set_gravity"),
     "_settings": (
@@ -119,6 +121,7 @@ class AsyncRobot:
         self._motion = MotionRunner(self._readiness)
         self._moves = Moves(self._motion)
         self._streams = Streams(self._motion)
+        self._waypoints = Waypoints(self._motion, self._streams)
         self._compliance = Compliance(self._motion)
         self._settings = Settings(self._motion)
         self._queries = Queries(self._readiness)

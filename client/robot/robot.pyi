@@ -12,6 +12,7 @@ from client.robot.planned import PlannedMotion
 from client.robot.programs import Dashboard, RobotPrograms
 from client.robot.state import RobotState
 from client.robot.streaming import Follow
+from client.robot.waypoints import WaypointFollower
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager
 from typing import Any
@@ -384,3 +385,29 @@ class AsyncRobot:
         Raises WaitTimeoutError, the error that ends the motion under way, and RobotUnreachableError if the robot stops
         sending states. The condition must be quick and must not call the robot.
         """
+    def waypoints_j(
+        self,
+        *,
+        max_speed_rad_s: float = 1.0,
+        lookahead_s: float | None = None,
+        gain: float | None = None,
+    ) -> AbstractAsyncContextManager[WaypointFollower]:
+        """Follow joint angles that arrive now and then, such as the actions of a policy, with `servo_j` in between.
+
+            with robot.waypoints_j() as waypoints:
+                while not done:
+                    waypoints.send(policy(observe()), arrival_s=1 / 30)    # (6,) [rad]; returns at once
+
+        max_speed_rad_s: of each joint; what asks for more arrives later. lookahead_s, gain: as of `servo_j`. The value
+        is a `WaypointFollower`, which also takes several waypoints at once. Leaving the block brings the arm to rest,
+        and raises what ended the motion.
+        """
+    def waypoints_pose(
+        self,
+        *,
+        max_speed_m_s: float = 0.25,
+        max_turn_rad_s: float = 1.0,
+        lookahead_s: float | None = None,
+        gain: float | None = None,
+    ) -> AbstractAsyncContextManager[WaypointFollower]:
+        """Like `waypoints_j`, with poses base to TCP (6,) [m, rotation vector]."""
