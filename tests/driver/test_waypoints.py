@@ -144,8 +144,13 @@ def test_an_emulated_arm_follows_from_a_thread():
         with robot.waypoints_pose() as waypoints:
             waypoints.send_chunk([(x, y, z + 0.01, *turn), (x, y, z + 0.02, *turn)], 0.1)
             robot.wait_for(lambda state: abs(state.pose_base_tcp[2] - z - 0.02) < 1e-3, 5)
-        with pytest.raises(ProtectiveStopError), robot.waypoints_j() as waypoints:
-            robot.trigger_protective_stop()
-            while True:
-                robot.wait_for(lambda state: True, 5)
-                waypoints.send(HOME, 1.0)
+        with pytest.raises(ProtectiveStopError):
+            follow_into_a_stop(robot)
+
+
+def follow_into_a_stop(robot):
+    with robot.waypoints_j() as waypoints:
+        robot.trigger_protective_stop()
+        while True:
+            robot.wait_for(lambda state: True, 5)
+            waypoints.send(HOME, 1.0)

@@ -1,7 +1,7 @@
 """LeRobot's own commands with a UR: not part of the tests' environment, because it brings PyTorch.
 
-    pip install 'lerobot[core_scripts]' . integrations/lerobot_robot_ur pytest pytest-asyncio pytest-timeout
-    pytest tests/lerobot
+pip install 'lerobot[core_scripts]' . integrations/lerobot_robot_ur pytest pytest-asyncio pytest-timeout
+pytest tests/lerobot
 """
 
 import json
