@@ -1,10 +1,11 @@
-"""Recordings as a LeRobot dataset (v3.0), for training LeRobot's policies.
+"""Datasets in LeRobot's format (v3.0), for training its policies; `client.lerobot.devices` is a robot for it.
 
-`write_dataset` is the entry point. It writes the same files as ``lerobot``, but does not need it: installing
-``lerobot`` would also install PyTorch.
+`write_dataset` makes one of recordings, `write_episodes` of episodes in memory. They write the same files as
+``lerobot``, but do not need it: installing ``lerobot`` would also install PyTorch.
 """
 
-from client.lerobot.dataset import Dataset, write_dataset
+from client.lerobot.dataset import Dataset, write_dataset, write_episodes
+from client.lerobot.episodes import Episode
 from client.lerobot.features import DEFAULT_ACTION, DEFAULT_STATE, Numbers
 
-__all__ = ["DEFAULT_ACTION", "DEFAULT_STATE", "Dataset", "Numbers", "write_dataset"]
+__all__ = ["DEFAULT_ACTION", "DEFAULT_STATE", "Dataset", "Episode", "Numbers", "write_dataset", "write_episodes"]

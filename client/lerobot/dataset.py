@@ -39,6 +39,7 @@ DEFAULT_FPS: Final = 10
 
 _WHAT: Final = "a dataset for LeRobot"
 _STATE, _ACTION, _PICTURES = "observation.state", "action", "observation.images."
+_ENVIRONMENT: Final = "observation.environment_state"
 _IN_CHUNK: Final = 1000  # files; this and the next two as LeRobot has them
 _DATA_MB, _VIDEO_MB = 100, 200
 _FILE_NAME: Final = "chunk-{chunk_index:03d}/file-{file_index:03d}"
@@ -82,20 +83,14 @@ def write_dataset(
     The folder appears only when it is complete. Raises RecordingError, MissingExtraError.
     """
     path, files = Path(path), [Path(file) for file in recordings]
-    if path.exists():
-        raise RecordingError(f"{path} exists: choose another name")
     if not files:
         raise RecordingError("no recordings: a dataset needs at least one")
     if len(tasks) not in (1, len(files)) or not all(task.strip() for task in tasks):
         raise RecordingError(
             f"{len(tasks)} tasks for {len(files)} recordings: give one for all, or one for each, in order"
         )
-    if fps is not None and fps < 1:
-        raise RecordingError(f"a dataset needs at least 1 frame per second, not {fps}")
     each = list(tasks) * len(files) if len(tasks) == 1 else list(tasks)
-    with extra("lerobot", _WHAT):  # before anything is read
-        import_module("pyarrow.parquet")
-        import_module("PIL.Image")
+    _check(path, fps)
     notes: list[str] = []
     with _folder(path) as folder, ExitStack() as opened:
         writer: _Writer | None = None
@@ -106,7 +101,8 @@ def write_dataset(
             try:
                 pictures = read_pictures(file) if file.suffix.lower() == ".mcap" else {}
                 if writer is None:
-                    writer = _Writer(folder, fps or _usual_fps(pictures), *numbers, robot_type)
+                    labels = {_STATE: numbers[0].labels, _ACTION: numbers[1].labels}
+                    writer = _Writer(folder, fps or _usual_fps(pictures), labels, robot_type)
                     opened.callback(writer.end_file)
                 writer.add(episode(recording, pictures, task, writer.fps, numbers))
             except RecordingError as error:
@@ -114,6 +110,53 @@ def write_dataset(
         assert writer is not None
         writer.finish()
     return Dataset(path, writer.fps, len(files), writer.frames, writer.cameras, writer.late_s, tuple(notes))
+
+
+def write_episodes(
+    path: Path | str,
+    episodes: Iterable[Episode],
+    *,
+    fps: int,
+    state: Sequence[str],
+    action: Sequence[str],
+    environment: Sequence[str] = (),
+    robot_type: str = "ur",
+) -> Dataset:
+    """Write a dataset folder from episodes that a program has in memory, such as those of a Gymnasium environment.
+
+    state, action, environment: names of the numbers in each episode. Frames are ``1 / fps`` apart, whatever the time
+    that computing them took.
+
+    The folder appears only when it is complete. Raises RecordingError, MissingExtraError.
+    """
+    path = Path(path)
+    _check(path, fps)
+    labels = {_STATE: tuple(state), _ACTION: tuple(action)}
+    if environment:
+        labels[_ENVIRONMENT] = tuple(environment)
+    with _folder(path) as folder, ExitStack() as opened:
+        writer = _Writer(folder, fps, labels, robot_type)
+        opened.callback(writer.end_file)
+        for number, made in enumerate(episodes):
+            try:
+                writer.add(made)
+            except RecordingError as error:
+                raise RecordingError(f"episode {number}: {error}") from error
+        if not writer.frames:
+            raise RecordingError("no episodes: a dataset needs at least one")
+        writer.finish()
+    return Dataset(path, fps, writer.episodes, writer.frames, writer.cameras, writer.late_s, ())
+
+
+def _check(path: Path, fps: int | None) -> None:
+    """Check what can be checked before anything is read."""
+    if path.exists():
+        raise RecordingError(f"{path} exists: choose another name")
+    if fps is not None and fps < 1:
+        raise RecordingError(f"a dataset needs at least 1 frame per second, not {fps}")
+    with extra("lerobot", _WHAT):
+        import_module("pyarrow.parquet")
+        import_module("PIL.Image")
 
 
 def _usual_fps(pictures: Mapping[str, RecordedPictures]) -> int:
@@ -135,14 +178,14 @@ def _folder(path: Path) -> Iterator[Path]:
 class _Writer:
     """Writes episodes one after the other. frames: number of frames so far."""
 
-    def __init__(self, folder: Path, fps: int, state: Numbers, action: Numbers, robot_type: str) -> None:
+    def __init__(self, folder: Path, fps: int, labels: Mapping[str, tuple[str, ...]], robot_type: str) -> None:
         self.fps = fps
         self.frames = 0
         self.cameras: tuple[str, ...] = ()
         self.late_s = 0.0
         self._folder = folder
         self._robot_type = robot_type
-        self._labels = {_STATE: state.labels, _ACTION: action.labels}
+        self._labels = labels
         self._sizes: dict[str, tuple[int, int]] = {}  # of each camera's pictures: height, width
         self._tasks: dict[str, int] = {}
         self._rows: list[dict[str, Any]] = []  # of episodes
@@ -151,7 +194,10 @@ class _Writer:
         self._place = (0, 0)  # its chunk and its number there
 
     def add(self, made: Episode) -> None:
-        """Write an episode. Raises RecordingError for images that are unreadable or differ from the earlier ones."""
+        """Write an episode. Raises RecordingError for images that are unreadable or differ from the earlier ones, and
+        for numbers that do not match their names.
+        """
+        self._check_numbers(made)
         self._check_pictures(made)
         number, task = len(self._rows), self._tasks.setdefault(made.task, len(self._tasks))
         frames = np.arange(len(made))
@@ -163,7 +209,7 @@ class _Writer:
         }
         times = (frames / self.fps).astype(np.float32)
         self._write(self._table(made, times, counted))
-        numbers: dict[str, NDArray[Any]] = {_STATE: made.state, _ACTION: made.action, "timestamp": times, **counted}
+        numbers: dict[str, NDArray[Any]] = {**self._numbers(made), "timestamp": times, **counted}
         found = {
             name: stats.number_statistics(np.asarray(values, np.float64).reshape(len(made), -1))
             for name, values in numbers.items()
@@ -214,6 +260,25 @@ class _Writer:
             self._data.close()
             self._data = None
 
+    @property
+    def episodes(self) -> int:
+        """Number of episodes so far."""
+        return len(self._rows)
+
+    def _numbers(self, made: Episode) -> dict[str, NDArray[np.float32]]:
+        every = {_STATE: made.state, _ACTION: made.action, _ENVIRONMENT: made.environment}
+        return {name: every[name] for name in self._labels}
+
+    def _check_numbers(self, made: Episode) -> None:
+        for name, values in self._numbers(made).items():
+            if values.shape != (len(made), len(self._labels[name])) or not len(made):
+                raise RecordingError(
+                    f"{name} has the shape {values.shape}: it needs a row for each of its frames, and "
+                    f"{len(self._labels[name])} numbers in each"
+                )
+            if not np.isfinite(values).all():
+                raise RecordingError(f"{name} has numbers that are not finite")
+
     def _check_pictures(self, made: Episode) -> None:
         """Check that every episode has the same cameras, with images of the same size."""
         shapes = {camera: stats.decoded(pictures[0]).shape for camera, pictures in made.pictures.items()}
@@ -228,7 +293,7 @@ class _Writer:
     def _table(self, made: Episode, times: NDArray[np.float32], counted: Mapping[str, NDArray[np.int64]]) -> "pa.Table":
         import pyarrow as pa
 
-        columns: dict[str, Any] = {_STATE: _vectors(made.state), _ACTION: _vectors(made.action)}
+        columns: dict[str, Any] = {name: _vectors(values) for name, values in self._numbers(made).items()}
         picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
         for camera, pictures in made.pictures.items():
             columns[_PICTURES + camera] = pa.array([{"bytes": data, "path": None} for data in pictures], picture)

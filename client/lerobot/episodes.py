@@ -7,7 +7,7 @@ part of the episode.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -29,14 +29,15 @@ class Episode:
     """One episode of n frames.
 
     state (n, k), action (n, m): float32. pictures: n JPEG images of each camera. late_s: largest time between an image
-    and its frame.
+    and its frame. environment (n, l): what an observation has besides the robot's own state, float32.
     """
 
     task: str
     state: NDArray[np.float32]
     action: NDArray[np.float32]
-    pictures: Mapping[str, Sequence[bytes]]
-    late_s: float
+    pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict)
+    late_s: float = 0.0
+    environment: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0), np.float32))
 
     def __len__(self) -> int:
         return len(self.state)

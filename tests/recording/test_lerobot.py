@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from client.cameras import Shot
 from client.cli import app
 from client.errors import MissingExtraError, RecordingError
-from client.lerobot import stats, write_dataset
+from client.lerobot import Episode, stats, write_dataset, write_episodes
 from client.recording import Recorder
 from tests.served_cameras import OVERVIEW, POSE, WRIST
 from urproto.joints import JOINT_NAMES
@@ -257,6 +257,39 @@ def test_the_command(states, tmp_path: Path) -> None:
     assert loaded(tmp_path / "set").info["features"]["observation.state"]["shape"] == [12]
     again = CliRunner().invoke(app, ["dataset", str(tmp_path / "set"), file, *options])
     assert "exists: choose another name" in str(again.exception)
+
+
+def of_frames(count: int, **changes) -> Episode:
+    numbers = np.arange(2.0 * count, dtype=np.float32).reshape(count, 2)
+    return Episode(
+        **{"task": "turn", "state": numbers, "action": numbers + 1, "environment": numbers[:, :1], **changes}
+    )
+
+
+def test_episodes_in_memory_become_a_dataset(tmp_path: Path) -> None:
+    named = {"state": ["a", "b"], "action": ["c", "d"], "environment": ["e"]}
+    made = write_episodes(tmp_path / "set", map(of_frames, (2, 3)), fps=25, robot_type="ur3", **named)
+    assert (made.episodes, made.frames) == (2, 5)
+    found = loaded(tmp_path / "set")
+    assert found.info["features"]["observation.environment_state"] == {"dtype": "float32", "shape": [1], "names": ["e"]}
+    assert found.frames["timestamp"] == pytest.approx([0.0, 0.04, 0.0, 0.04, 0.08])
+    assert found.frames["observation.environment_state"] == [0.0, 2.0, 0.0, 2.0, 4.0]
+    assert found.stats["observation.environment_state"]["max"] == [4.0]
+    short = of_frames(2).action[:1]
+    for episodes, problem in (
+        ([], "no episodes"),
+        ([of_frames(0)], "episode 0: observation.state has the shape"),
+        (
+            [of_frames(2), of_frames(2, action=short)],
+            r"episode 1: action has the shape \(1, 2\): it needs",
+        ),
+        ([of_frames(2, environment=np.full((2, 1), np.nan))], "environment_state has numbers that are not finite"),
+    ):
+        with pytest.raises(RecordingError, match=problem):
+            write_episodes(tmp_path / "none", episodes, fps=25, **named)
+        assert not (tmp_path / "none").exists()
+    with pytest.raises(RecordingError, match="choose another name"):
+        write_episodes(tmp_path / "set", [of_frames(2)], fps=25, **named)
 
 
 def test_a_missing_extra_is_reported(states, tmp_path: Path, monkeypatch) -> None:
