@@ -5,6 +5,7 @@ from typing import Any
 
 from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 
+from client.lerobot.devices.connected import ConnectedArm
 from client.lerobot.devices.keys import ACTIONS, GRIPPER_KEY, JOINT_KEYS, JOINTS, TCP_KEYS
 from client.robot import Robot
 from urproto.errors import LocalProtocolError
@@ -29,7 +30,7 @@ class URLeaderConfig(TeleoperatorConfig):  # type: ignore[misc] # LeRobot has no
             raise ValueError(unknown("action", self.action, ACTIONS))
 
 
-class URLeader(Teleoperator):  # type: ignore[misc] # LeRobot has no types
+class URLeader(ConnectedArm, Teleoperator):  # type: ignore[misc] # LeRobot has no types
     """Where another arm is, is where the robot goes. The leader is not commanded."""
 
     config_class = URLeaderConfig
@@ -38,7 +39,6 @@ class URLeader(Teleoperator):  # type: ignore[misc] # LeRobot has no types
     def __init__(self, config: URLeaderConfig) -> None:
         super().__init__(config)
         self.config = config
-        self._robot: Robot | None = None
 
     @property
     def action_features(self) -> dict[str, Any]:
@@ -48,18 +48,6 @@ class URLeader(Teleoperator):  # type: ignore[misc] # LeRobot has no types
     @property
     def feedback_features(self) -> dict[str, Any]:
         return {}
-
-    @property
-    def is_connected(self) -> bool:
-        return self._robot is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        return True
-
-    def calibrate(self) -> None: ...
-
-    def configure(self) -> None: ...
 
     def connect(self, calibrate: bool = True) -> None:
         """Connect. Raises ClientError."""

@@ -10,6 +10,7 @@ from lerobot.cameras.camera import Camera
 from lerobot.robots import Robot as LeRobot
 from lerobot.robots import RobotConfig
 
+from client.lerobot.devices.connected import ConnectedArm
 from client.lerobot.devices.keys import ACTIONS, GRIPPER_KEY, JOINT_KEYS, JOINTS, TCP_KEYS
 from client.lerobot.grippers import GRIPPERS, FollowingGripper
 from client.robot import Robot
@@ -50,7 +51,7 @@ class URConfig(RobotConfig):  # type: ignore[misc] # LeRobot has no types
             raise ValueError(f"fps must be greater than 0, not {self.fps}")
 
 
-class UR(LeRobot):  # type: ignore[misc] # LeRobot has no types
+class UR(ConnectedArm, LeRobot):  # type: ignore[misc] # LeRobot has no types
     """A UR. It sees joint angles [rad], the TCP pose [m, rotation vector], gripper (0 open, 1 closed) and pictures."""
 
     config_class = URConfig
@@ -61,7 +62,6 @@ class UR(LeRobot):  # type: ignore[misc] # LeRobot has no types
         self.config = config
         self.cameras: dict[str, Camera] = make_cameras_from_configs(config.cameras)
         self._open = ExitStack()
-        self._robot: Robot | None = None
         self._waypoints: WaypointFollower | None = None
         self._gripper: FollowingGripper | None = None
         self._reported: BaseException | None = None
@@ -74,18 +74,6 @@ class UR(LeRobot):  # type: ignore[misc] # LeRobot has no types
     @property
     def action_features(self) -> dict[str, Any]:
         return dict.fromkeys((*self._moved_keys, *self._gripper_keys), float)
-
-    @property
-    def is_connected(self) -> bool:
-        return self._robot is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        return True
-
-    def calibrate(self) -> None: ...
-
-    def configure(self) -> None: ...
 
     def connect(self, calibrate: bool = True) -> None:
         """Connect, switch the robot on where it is off, and hold the arm where it is. Raises URError."""
