@@ -86,11 +86,11 @@ def test_a_robot_that_cannot_come_to_rest_is_replaced(env):
 
 
 def test_a_step_takes_a_fixed_robot_time_and_longer_if_the_policy_does():
-    env = Turn(step_s=0.1, latency_s=[0.0, 0.2])
+    env = Turn(step_s=0.1, latency_s=[0.0, 0.096, 0.2])
     env.reset(seed=0)
     assert env.step_s == pytest.approx(0.096)  # whole periods of 8 ms
     took = []
-    for _ in range(12):
+    for _ in range(20):
         before = env.state.timestamp
         *_, info = env.step(np.zeros(1, np.float32))
         took.append((round(env.state.timestamp - before, 6), info.get("late", False)))

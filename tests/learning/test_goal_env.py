@@ -81,6 +81,8 @@ def test_rewards_are_those_of_gymnasium_robotics(env):
     assert reward == env.compute_reward(seen["achieved_goal"], seen["desired_goal"], info) == -1.0
     achieved = np.array([seen["achieved_goal"], seen["desired_goal"]])
     assert env.compute_reward(achieved, seen["desired_goal"], {}).tolist() == [-1.0, 0.0]
+    beside = achieved + [[env.task.distance_m * 1.01, 0.0, 0.0], [env.task.distance_m * 0.99, 0.0, 0.0]]
+    assert env.compute_reward(beside, achieved, {}).tolist() == [-1.0, 0.0]
     assert env.compute_terminated(seen["desired_goal"], seen["desired_goal"], {})
     dense = GoalEnv("push", reward="dense")
     away = np.linalg.norm(seen["achieved_goal"] - seen["desired_goal"])
@@ -194,6 +196,8 @@ def test_pictures_are_observations():
     ratio = other.arm.reach_m / env.arm.reach_m
     places = [made.scene.model.camera("overview").pos for made in (env, other)]
     assert places[1] == pytest.approx(ratio * places[0])
+    mounted = [made.scene.model.camera("wrist").pos for made in (env, other)]
+    assert mounted[1] == pytest.approx(mounted[0])
     env.close()
     with pytest.raises(CameraError, match="there is no camera 'top'"):
         GoalEnv("reach", cameras=["top"])
