@@ -81,7 +81,7 @@ def test_rewards_are_those_of_gymnasium_robotics(env):
     assert reward == env.compute_reward(seen["achieved_goal"], seen["desired_goal"], info) == -1.0
     achieved = np.array([seen["achieved_goal"], seen["desired_goal"]])
     assert env.compute_reward(achieved, seen["desired_goal"], {}).tolist() == [-1.0, 0.0]
-    beside = achieved + [[env.task.distance_m * 1.01, 0.0, 0.0], [env.task.distance_m * 0.99, 0.0, 0.0]]
+    beside = achieved + np.array([[1.01, 0.0, 0.0], [0.99, 0.0, 0.0]]) * env.task.distance_m
     assert env.compute_reward(beside, achieved, {}).tolist() == [-1.0, 0.0]
     assert env.compute_terminated(seen["desired_goal"], seen["desired_goal"], {})
     dense = GoalEnv("push", reward="dense")
