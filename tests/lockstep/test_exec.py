@@ -51,6 +51,16 @@ def run(*command: str, options: tuple[str, ...] = ("--without-robot",)) -> "subp
             "time.sleep(20)",
             id="killed",
         ),
+        pytest.param(
+            10,
+            "sleeper = threading.Thread(target=time.sleep, args=(10,))\nsleeper.start()\n"
+            "for _ in range(20):\n"
+            "    child = subprocess.Popen([sys.executable, '-c', 'print(flush=True); import time; time.sleep(1e6)'],\n"
+            "                             stdout=subprocess.PIPE)\n"
+            "    child.stdout.readline()\n    child.kill()\n    child.wait()\n    child.stdout.close()\n"
+            "assert time.monotonic() < began + 1\nsleeper.join()",
+            id="kills",
+        ),
         pytest.param(5, "while time.monotonic() < began + 5: pass", id="looks at the clock only"),
         pytest.param(
             9,
