@@ -808,6 +808,8 @@ static pid_t reaped(pid_t child)
     for (int i = 0; i < CHILDREN; i++)
         if (child > 0 && children[i] == child)
             children[i] = 0;
+    if (child > 0 && self())
+        forget_if_gone(child);
     return child;
 }
 
@@ -827,6 +829,16 @@ int waitid(idtype_t type, id_t id, siginfo_t *information, int options)
         return -1;
     return REAL(waitid)(type, id, information, options);
 }
+
+int kill(pid_t to, int number)
+{
+    int result = REAL(kill)(to, number);
+    if (!result && number && number != SIGSTOP && self())
+        tell_signalled(to);
+    return result;
+}
+
+int killpg(pid_t group, int number) { return group < 0 ? REAL(killpg)(group, number) : kill(-group, number); }
 
 #define SIGNALLED(type, name, parameters, ...) \
     type name parameters                       \

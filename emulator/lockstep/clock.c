@@ -462,18 +462,15 @@ static char state_of(int tid, long *switches)
     return state ? state[7] : 0;
 }
 
+/* Whether all its threads have ended: the last one frees the memory, long after the first. */
 static bool gone(int pid)
 {
-    char path[64], text[512];
-    snprintf(path, sizeof path, "/proc/%d/stat", pid);
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0)
-        return errno == ENOENT;
-    ssize_t size = REAL(read)(fd, text, sizeof text - 1);
-    REAL(close)(fd);
-    text[size < 0 ? 0 : size] = 0;
-    const char *end = strrchr(text, ')');
-    return end && (end[2] == 'Z' || end[2] == 'X');
+    struct pollfd process = {.fd = REAL(syscall)(SYS_pidfd_open, pid, 0), .events = POLLIN};
+    if (process.fd < 0)
+        return errno == ESRCH;
+    bool ended = REAL(poll)(&process, 1, 0) > 0;
+    REAL(close)(process.fd);
+    return ended;
 }
 
 static void forget_process(int pid)
@@ -486,6 +483,24 @@ static void forget_process(int pid)
             S->busy -= p->told;
             *p = (struct process){.calls = p->calls};
         }
+}
+
+void forget_if_gone(int pid)
+{
+    lock();
+    if (gone(pid))
+        forget_process(pid);
+    unlock();
+}
+
+/* It is busy until its agent answers, or until it is gone: the clock would not wait for the kernel to end it. */
+void tell_signalled(int to)
+{
+    lock();
+    for (struct process *p = S->processes; p < S->processes + PROCESSES; p++)
+        if (p->pid && p != P && (to > 0 ? p->pid == to : getpgid(p->pid) == (to ? -to : getpgrp())))
+            tell(p);
+    unlock();
 }
 
 /* Called while nothing happens, with the lock: find threads that wait in unknown ways, or that compute for long. */

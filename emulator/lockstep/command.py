@@ -85,17 +85,22 @@ def _on_one_core() -> Iterator[None]:
     """Keep what is started on one core, where handing over is quick: only one of them runs at a time anyway.
 
     Each of them waits for others thousands of times per second, and would wait for any process of a busy machine then;
-    so they go first, where that is allowed.
+    so they go first, where that is allowed. A thread that wakes another goes on until it waits itself, as it would on a
+    core of its own: in the middle of a callback, programs have shown errors that are rare otherwise.
     """
     if sys.platform != "linux":  # and there is no clock
         raise AssertionError
     cores, niceness = os.sched_getaffinity(0), os.getpriority(os.PRIO_PROCESS, 0)
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     os.sched_setaffinity(0, {random.choice(sorted(cores))})
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, min(niceness, _NICENESS))
+    if policy == os.SCHED_OTHER:
+        os.sched_setscheduler(0, os.SCHED_BATCH, parameters)
     try:
         yield
     finally:
         os.sched_setaffinity(0, cores)
+        os.sched_setscheduler(0, policy, parameters)
         with suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, niceness)

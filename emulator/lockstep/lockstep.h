@@ -158,6 +158,10 @@ struct slot *new_slot(int32_t pid, enum state state);
 void free_slot(struct slot *slot);
 void register_thread(struct slot *slot);
 void join_clock(void);
+void forget_if_gone(int pid);
 void leave(void);
+
+/* Of a signal, to a process, or to a group as for kill(2): it has something to do, if only to end. */
+void tell_signalled(int to);
 
 #pragma GCC visibility pop

@@ -51,6 +51,16 @@ def run(*command: str, options: tuple[str, ...] = ("--without-robot",)) -> "subp
             "time.sleep(20)",
             id="killed",
         ),
+        pytest.param(
+            10,
+            "sleeper = threading.Thread(target=time.sleep, args=(10,))\nsleeper.start()\n"
+            "for _ in range(20):\n"
+            "    child = subprocess.Popen([sys.executable, '-c', 'print(flush=True); import time; time.sleep(1e6)'],\n"
+            "                             stdout=subprocess.PIPE)\n"
+            "    child.stdout.readline()\n    child.kill()\n    child.wait()\n    child.stdout.close()\n"
+            "assert time.monotonic() < began + 1\nsleeper.join()",
+            id="kills",
+        ),
         pytest.param(5, "while time.monotonic() < began + 5: pass", id="looks at the clock only"),
         pytest.param(
             9,
@@ -115,6 +125,31 @@ else:
     done = run(sys.executable, str(file))
     assert (done.returncode, done.stderr) == (0, "")
     assert float(done.stdout) == pytest.approx(10.0, abs=0.001)
+
+
+def test_a_thread_that_wakes_another_goes_on_until_it_waits() -> None:
+    """All share one core: the woken one would otherwise run in the middle of what the first does, every third time."""
+    text = """
+import mmap, os, socket
+done = mmap.mmap(-1, 8)
+here, there = socket.socketpair()
+if child := os.fork():
+    for n in range(1, 1001):
+        here.send(b"x")
+        done[:8] = n.to_bytes(8, "little")
+        here.recv(1)
+    os.waitpid(child, 0)
+else:
+    early = 0
+    for n in range(1, 1001):
+        there.recv(1)
+        early += int.from_bytes(done[:8], "little") < n
+        there.send(b"x")
+    print(early)
+"""
+    done = run(sys.executable, "-c", text)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert int(done.stdout) < 50  # only when its time on a busy core was over
 
 
 def test_ur_rtde_streams_in_lockstep_the_same_each_time() -> None:
