@@ -6,6 +6,7 @@ import pytest
 
 from emulator.builtins import LIBRARIES
 from tests.builtins.conftest import Rig
+from tests.rows import each_row
 from urscript.builtins import Builtin, Library
 
 ROW = "[" + ",".join(["1.5"] * 60) + "]"
@@ -143,7 +144,7 @@ def _calls(builtin: Builtin) -> Iterator[str]:
             yield f"{builtin.name}({', '.join([*usual[:index], odd, *usual[index + 1 :]])})"
 
 
-@pytest.mark.parametrize("library", LIBRARIES, ids=lambda library: library.chapter)
+@each_row("library", LIBRARIES, ids=lambda library: library.chapter)
 def test_no_builtin_fails_internally_on_an_odd_argument(make_rig: Callable[..., Rig], library: Library) -> None:
     rig = make_rig("ur3e", None)
     for builtin in library.builtins.values():

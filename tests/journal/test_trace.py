@@ -18,6 +18,7 @@ from client.recording.files import Recorder
 from emulator.commands.requests import DashboardLine, RTDEInputs
 from emulator.journal.trace import trace_of
 from emulator.services.sockets import MemorySockets
+from tests.rows import each_row
 from urproto.trace.model import Trace, TraceError
 from urproto.trace.page import packed, run_in, write_page
 
@@ -187,7 +188,7 @@ FAILURES = {
 }
 
 
-@pytest.mark.parametrize("name", FAILURES)
+@each_row("name", FAILURES)
 def test_a_trace_shows_the_cause_of(name, tmp_path):
     failure = FAILURES[name]
     run = Recorded(prepare=failure.prepare)

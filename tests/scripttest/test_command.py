@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from emulator import script_cli as cli
+from tests.rows import each_row
 from urscript.scripttest.program import Source
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -173,7 +174,7 @@ def test_files_of_another_runner(go: Go) -> None:
     assert "open: False is not True" in out
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "is_program", "definitions"),
     [
         ("def cell():\nend\n", True, [("cell", 1)]),

@@ -21,6 +21,7 @@ from client import AsyncRobot
 from client.driver import URDriver, points
 from client.errors import LateSetpointError, MotionError, NoAnswerError, ProgramEndedError
 from client.primary import PrimaryClient
+from tests.rows import each_row
 from tests.simulation.clients import NEAR_RAD, play_seed
 from tests.simulation.scenario import HOME, PC, ROBOT, Scenario, play
 from urproto.errors import RobotRefused, URError
@@ -430,7 +431,7 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
             await asyncio.sleep(0.5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "kind",
     [
         RestartDuringUse,
