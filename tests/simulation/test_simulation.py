@@ -27,7 +27,7 @@ from tests.simulation.scenario import HOME, PC, ROBOT, Scenario, play
 from urproto.errors import RobotRefused, URError
 from urproto.modes import RobotMode
 
-NOW: Final = 8  # about a second of CPU time each
+NOW: Final = 4  # about a second of CPU time each
 SEEDS: Final = int(os.environ.get("SIMULATED_SEEDS", "200"))
 FROM: Final = int(os.environ.get("SIMULATED_FROM", "1"))
 AT_ONCE: Final = 200  # seeds of a test, of which each worker takes some

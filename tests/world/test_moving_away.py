@@ -13,7 +13,7 @@ from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
 TABLE = Path(__file__).parents[2] / "examples" / "table.yaml"
-AWAY = {"up": (0.0, 0.0, 0.05), "up and aside": (0.03, 0.02, 0.03), "barely up": (0.05, 0.0, 0.005)}
+AWAY = {"up": (0.0, 0.0, 0.02), "up and aside": (0.012, 0.008, 0.012), "barely up": (0.02, 0.0, 0.002)}
 
 
 def codes(rig):
