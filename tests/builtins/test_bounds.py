@@ -77,8 +77,8 @@ def test_a_long_move_is_not_limited(rig: Rig, seconds: str) -> None:
 _ABSURD = ["1/0", "0/0", "1e300"]
 
 
-@pytest.mark.parametrize("number", _ABSURD)
-@pytest.mark.parametrize(
+@each_row("number", _ABSURD)
+@each_row(
     "call",
     [
         "get_forward_kin([{},0,0,0,0,0])",
@@ -103,7 +103,7 @@ def test_non_finite_arguments_stop_the_program_with_a_message(rig, call, number)
     assert "must be" in fault
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "words"),
     [
         ("set_payload_cog([0, 11, 0])", "must be within 10 m of the flange"),

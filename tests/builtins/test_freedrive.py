@@ -126,7 +126,7 @@ def test_singularity_distances_are_the_factors_of_the_determinant(name):
         assert distance_to_singularity(model.dh, tuple(q)) == pytest.approx(min(factors), rel=1e-9)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("q", "status"),
     [
         ([0, -1.5, 1.5, -1.6, -1.57, 0], 0),

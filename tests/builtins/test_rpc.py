@@ -371,7 +371,7 @@ def test_a_server_that_never_accepts(rig, monkeypatch):
     assert rig.sockets.opened[0].state == "closed"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "url"),
     [
         ("corba", URL),

@@ -57,7 +57,7 @@ def test_screw_driving_follows_the_tool_when_it_is_turned(rig):
     assert not any(rig.controller.snapshot.actual_qd)
 
 
-@pytest.mark.parametrize("call", ["screw_driving(5, 0)", "screw_driving(5, -0.1)", "screw_driving(5 / 0.0, 0.1)"])
+@each_row("call", ["screw_driving(5, 0)", "screw_driving(5, -0.1)", "screw_driving(5 / 0.0, 0.1)"])
 def test_screw_driving_requires_a_force_and_a_speed(rig, call):
     assert rig.fault(call).count("screw_driving")
 

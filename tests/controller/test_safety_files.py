@@ -182,7 +182,7 @@ def test_the_checksum_follows_every_change(write):
     assert all(0 < number < 2**32 for number in sums)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "message"),
     [
         ("speed: 1", "unknown 'speed'; allowed are preset, normal"),

@@ -103,7 +103,7 @@ both_series = pytest.mark.parametrize("series", ["cb3", "e"])
 
 
 @both_series
-@pytest.mark.parametrize(
+@each_row(
     ("change", "before", "after"),
     [
         (

@@ -73,7 +73,7 @@ ASSERTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("body", "problem"), ASSERTIONS, ids=[body.partition("\n")[0] for body, _ in ASSERTIONS])
+@each_row(("body", "problem"), ASSERTIONS, ids=[body.partition("\n")[0] for body, _ in ASSERTIONS])
 def test_assertions(body: str, problem: str, go: Go) -> None:
     status, out = go(one(body))
     assert status == int(bool(problem)), out
@@ -116,7 +116,7 @@ SETTINGS = [
 ]
 
 
-@pytest.mark.parametrize(("body", "settings", "problem"), SETTINGS, ids=[text for _, text, _ in SETTINGS])
+@each_row(("body", "settings", "problem"), SETTINGS, ids=[text for _, text, _ in SETTINGS])
 def test_settings(body: str, settings: str, problem: str, go: Go) -> None:
     status, out = go(one(body, yaml=settings))
     assert status == int(bool(problem)), out

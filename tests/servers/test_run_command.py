@@ -179,7 +179,7 @@ def test_a_program_that_a_watchdog_stops_has_failed(go: Go) -> None:
     assert "finished" not in out.splitlines()[-1]
 
 
-@pytest.mark.parametrize("end", ["halt", "return None", "sync()"])
+@each_row("end", ["halt", "return None", "sync()"])
 def test_a_program_that_reaches_its_end_has_not_failed(go: Go, end: str) -> None:
     status, out = go(f"def f():\n  sleep(0.1)\n  {end}\nend\n")
     assert (status, out.splitlines()[-1]) == (0, "result  finished")

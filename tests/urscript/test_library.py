@@ -101,7 +101,7 @@ CALLS = [
 ]
 
 
-@pytest.mark.parametrize(("call", "value"), CALLS)
+@each_row(("call", "value"), CALLS)
 def test_call(result, call, value):
     found = result(call)
     assert type(found) is type(value)
@@ -146,7 +146,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize("call", REFUSED)
+@each_row("call", REFUSED)
 def test_refused(run, call):
     assert run(f"x = {call}").error is not None
 

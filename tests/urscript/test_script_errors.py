@@ -182,7 +182,7 @@ RUNTIME_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "column", "message"), RUNTIME_ERRORS)
+@each_row(("text", "line", "column", "message"), RUNTIME_ERRORS)
 def test_program_stops_at_its_fault(run, text, line, column, message):
     done = run(text)
     assert done.error is not None
@@ -577,7 +577,7 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "column", "message", "version"), FAULTS)
+@each_row(("text", "line", "column", "message", "version"), FAULTS)
 def test_operators_and_built_ins_say_what_does_not_fit(run, text, line, column, message, version):
     assert run(text, version=version).error == (line, column, message)
 

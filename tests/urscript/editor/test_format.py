@@ -147,7 +147,7 @@ UGLY, PRETTY = "x=1\n", "x = 1\n"
 POLYSCOPE = 'def a():\n$ 1 "Robot Program"\nx=1\nend\n'
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "text", "status", "after", "said"),
     [
         (["a.script"], UGLY, 0, PRETTY, "a.script: formatted"),
