@@ -4,12 +4,14 @@ A test has one attempt. Tests in real time wait for events with timeouts that su
 time down. A test that cannot is marked ``flaky(reruns=...)`` with the reason.
 """
 
+import gc
 import logging
 import os
 import shutil
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -40,18 +42,38 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.maxschedchunk = CHUNK
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What is collected stays, so looking for garbage meanwhile takes a fifth of the time and finds nothing."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Workers begin with the longest tests, so that none is left with them when the others are done.
 
     Tests of documentation pages with robots in real time run one after the other on a single worker: two browsers, or a
-    browser and a page's programs at the same time, are too much for two cores.
+    browser and a page's programs at the same time, are too much for two cores. Tests that share a robot, or whatever
+    else serves a whole module or folder, run on one worker too, so that there is one of it instead of one per worker.
     """
     for item in items:
         if item.get_closest_marker("page") is not None:
             item.add_marker(pytest.mark.xdist_group(IN_REAL_TIME))
+        elif item.get_closest_marker("xdist_group") is None and (shared := _shared(item)):
+            item.add_marker(pytest.mark.xdist_group(shared))
     if config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
         items.sort(key=lambda item: not any(map(item.get_closest_marker, ("page", "long"))))
+
+
+def _shared(item: pytest.Item) -> str | None:
+    """The module or folder with a fixture that serves all of its tests and this one; None if there is none."""
+    found = getattr(item, "_fixtureinfo", None)
+    used = [fixtures[-1] for fixtures in found.name2fixturedefs.values()] if found else []
+    return next((Path(one.baseid).stem for one in used if one.baseid and one.scope in ("module", "package")), None)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

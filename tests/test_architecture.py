@@ -12,12 +12,11 @@ from typing import Any
 
 import pytest
 
+from tests.sources import PACKAGES, ROOT, module_path, modules, nodes, syntax_tree
+
 pytestmark = pytest.mark.xdist_group("architecture")  # each worker would have to read every module
 
-ROOT = Path(__file__).resolve().parents[1]
 LAYERS = runpy.run_path(str(Path(__file__).with_name("layers.py")))
-PACKAGES = ("urproto", "urscript", "emulator", "client")
-
 IMPORT_FUNCTIONS = {"import_module", "__import__", "load_from"}
 
 CODE = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
@@ -222,27 +221,6 @@ WRITES_FILES = {
 }
 
 
-def modules() -> list[str]:
-    """Dotted names of every module of the project."""
-    files = (path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py")))
-    return [module_name(path) for path in files if not path.name.endswith(".launch.py")]
-
-
-def module_name(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-def module_path(name: str) -> Path:
-    base = ROOT.joinpath(*name.split("."))
-    return base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
-
-
-@cache
-def syntax_tree(name: str) -> ast.Module:
-    return ast.parse(module_path(name).read_text())
-
-
 @cache
 def imports(name: str, *, at_import_time: bool = False) -> frozenset[str]:
     """Absolute dotted names that a module imports; optionally only those executed on import."""
@@ -250,8 +228,7 @@ def imports(name: str, *, at_import_time: bool = False) -> frozenset[str]:
 
 
 def _imports(name: str, at_import_time: bool) -> Iterator[str]:
-    nodes = _executed_on_import(syntax_tree(name)) if at_import_time else ast.walk(syntax_tree(name))
-    for node in nodes:
+    for node in _executed_on_import(syntax_tree(name)) if at_import_time else nodes(name):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -370,7 +347,7 @@ def test_modules_that_import_sockets_are_used_only_for_their_codecs() -> None:
 
 
 def _beyond_the_codec(name: str) -> Iterator[str]:
-    for node in ast.walk(syntax_tree(name)):
+    for node in nodes(name):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name.split(".")[0] in CODECS)
         elif isinstance(node, ast.ImportFrom) and (top := (node.module or "").split(".")[0]) in CODECS:
@@ -425,13 +402,13 @@ def _late_constants(name: str) -> Iterator[str]:
 def test_only_one_module_chooses_the_encoding_of_foreign_text() -> None:
     handlers = {"surrogateescape", "backslashreplace"}
     for name in modules():
-        used = {node.value for node in ast.walk(syntax_tree(name)) if isinstance(node, ast.Constant)} & handlers
+        used = {node.value for node in nodes(name) if isinstance(node, ast.Constant)} & handlers
         assert not used or name == "urproto.text", f"{name} decodes or encodes by itself: urproto.text does"
 
 
 def test_files_are_written_by_one_module() -> None:
     """Everything else could leave half a file, or none, when the disk is full or the process is killed."""
-    found = {name: set(_ways_to_write(syntax_tree(name))) for name in modules()}
+    found = {name: set(_ways_to_write(nodes(name))) for name in modules()}
     assert_none(
         f"{name} writes a file with {way}: use urproto.durable"
         for name, ways in found.items()
@@ -445,16 +422,17 @@ def test_files_are_written_by_one_module() -> None:
     )
 
 
-def _ways_to_write(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
+def _ways_to_write(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    for node in nodes:
         if not isinstance(node, ast.Call):
             continue
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
         owner = getattr(node.func.value, "id", "") if isinstance(node.func, ast.Attribute) else ""
-        words = {
-            part.value for part in ast.walk(node) if isinstance(part, ast.Constant) and isinstance(part.value, str)
-        }
-        opened = name in ("open", "fdopen", "ZipFile") and any(re.fullmatch(r"[wax]b?\+?|r\+b?|rb\+", w) for w in words)
+        opened = name in ("open", "fdopen", "ZipFile") and any(
+            re.fullmatch(r"[wax]b?\+?|r\+b?|rb\+", part.value)
+            for part in ast.walk(node)
+            if isinstance(part, ast.Constant) and isinstance(part.value, str)
+        )
         flags = (owner, name) == ("os", "open") and any("O_CREAT" in ast.dump(part) for part in node.args)
         moved = owner == "os" and name in ("replace", "rename", "link", "symlink")
         copied = owner == "shutil" and name.startswith(("copy", "move"))
@@ -525,8 +503,8 @@ def test_an_import_that_violates_the_layers_is_found(monkeypatch: pytest.MonkeyP
     """Also inside functions and for type checkers; the message has both modules and the rule."""
     source = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from client.robot import Robot\n"
     source += "def later():\n    from client.pendant import server\n    import_module('client.ros2.host')\n"
-    trees = {"client.driver.points": ast.parse(source)}
-    monkeypatch.setattr(f"{__name__}.syntax_tree", lambda name: trees.get(name) or ast.parse(""))
+    planted = {"client.driver.points": list(ast.walk(ast.parse(source)))}
+    monkeypatch.setattr(f"{__name__}.nodes", lambda name: planted.get(name, []))
     imports.cache_clear()
     try:
         found = [line for line in layers("client", LAYERS["CLIENT_LAYERS"]) if "client.driver.points" in line]

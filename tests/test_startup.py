@@ -9,6 +9,7 @@ from typer.main import get_command
 
 import client
 from client.cli import app
+from tests.rows import each_row
 
 HEAVY = ("numpy", "pinocchio", "coal", "matplotlib", "mcap", "foxglove")
 NOBODY = 1  # a port where nothing listens
@@ -31,7 +32,7 @@ def loaded(module: str, *words: str) -> str:
     return done.stderr.splitlines()[-1]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("module", "words"),
     [
         ("client.cli", "ur-client --help"),

@@ -90,8 +90,9 @@ class Rig:
 
     def run_any(self, body: str, limit_s: float = 20.0) -> float:
         """As run, but the program may end with an error."""
+        before = len(self.exceptions)
         self.start(body)
-        self.until(lambda: self.state is not RuntimeState.STOPPED or bool(self.exceptions), 1.0)
+        self.until(lambda: self.state is not RuntimeState.STOPPED or len(self.exceptions) > before, 1.0)
         return self.until(lambda: self.state is RuntimeState.STOPPED, limit_s)
 
     def fault(self, body: str) -> str:

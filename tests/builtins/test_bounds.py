@@ -6,6 +6,7 @@ import pytest
 
 from emulator.builtins import LIBRARIES
 from tests.builtins.conftest import Rig
+from tests.rows import each_row
 from urscript.builtins import Builtin, Library
 
 ROW = "[" + ",".join(["1.5"] * 60) + "]"
@@ -76,8 +77,8 @@ def test_a_long_move_is_not_limited(rig: Rig, seconds: str) -> None:
 _ABSURD = ["1/0", "0/0", "1e300"]
 
 
-@pytest.mark.parametrize("number", _ABSURD)
-@pytest.mark.parametrize(
+@each_row("number", _ABSURD)
+@each_row(
     "call",
     [
         "get_forward_kin([{},0,0,0,0,0])",
@@ -102,7 +103,7 @@ def test_non_finite_arguments_stop_the_program_with_a_message(rig, call, number)
     assert "must be" in fault
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "words"),
     [
         ("set_payload_cog([0, 11, 0])", "must be within 10 m of the flange"),
@@ -143,7 +144,7 @@ def _calls(builtin: Builtin) -> Iterator[str]:
             yield f"{builtin.name}({', '.join([*usual[:index], odd, *usual[index + 1 :]])})"
 
 
-@pytest.mark.parametrize("library", LIBRARIES, ids=lambda library: library.chapter)
+@each_row("library", LIBRARIES, ids=lambda library: library.chapter)
 def test_no_builtin_fails_internally_on_an_odd_argument(make_rig: Callable[..., Rig], library: Library) -> None:
     rig = make_rig("ur3e", None)
     for builtin in library.builtins.values():

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from emulator.builtins import LIBRARIES
+from tests.rows import each_row
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 
@@ -87,7 +88,7 @@ def _sure(text: str) -> PolyscopeVersion | None:
     return PolyscopeVersion.parse(text) if text.replace(".", "").isdigit() else None
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row["name"])
+@each_row("row", ROWS, ids=lambda row: row["name"])
 def test_each_name_exists_from_its_first_version_on(row):
     builtin = SET.builtins[row["name"]]
     for first in (_sure(row["cb3"]), _sure(row["e"])):
@@ -117,7 +118,7 @@ def test_direct_torque_is_in_polyscope_x_since_10_10():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row["name"])
+@each_row("row", ROWS, ids=lambda row: row["name"])
 def test_first_versions_match_the_tables(row):
     availability = SET.builtins[row["name"]].availability
     for series, first in (("cb3", availability.cb3), ("e", availability.e)):
@@ -147,9 +148,7 @@ def _listed_parameters(signature: str) -> list[tuple[str, str | None]]:
     return [(name, default if equals else None) for name, equals, default in pairs]
 
 
-@pytest.mark.parametrize(
-    "row", [row for row in ROWS if SET.builtins[row["name"]].status != "refused"], ids=lambda row: row["name"]
-)
+@each_row("row", [row for row in ROWS if SET.builtins[row["name"]].status != "refused"], ids=lambda row: row["name"])
 def test_parameter_names_and_defaults_match_the_tables(row):
     parameters = SET.builtins[row["name"]].parameters
     listed = _listed_parameters(row["signature"])
@@ -174,7 +173,7 @@ def _value(default: str) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
-@pytest.mark.parametrize("version", ["3.14.3", "3.15.8", "5.9.4", "5.12.8", "5.22", "5.25.1"])
+@each_row("version", ["3.14.3", "3.15.8", "5.9.4", "5.12.8", "5.22", "5.25.1"])
 def test_names_used_by_clients_exist(version):
     names = available(version)
     wanted = {*EXTERNAL_CONTROL}
@@ -233,7 +232,7 @@ DOCUMENTED = {
 }
 
 
-@pytest.mark.parametrize("manual", DOCUMENTED)
+@each_row("manual", DOCUMENTED)
 def test_a_function_exists_from_the_first_manual_that_documents_it_on(manual):
     assert words(DOCUMENTED[manual]) - available(manual) == set()
 

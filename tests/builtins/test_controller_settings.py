@@ -7,6 +7,7 @@ import pytest
 from emulator.controller import Controller
 from emulator.io.signals import BaseLight
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from urproto.modes import AnalogDomain, RobotMode
 from urproto.robots import load_model
 
@@ -95,7 +96,7 @@ def test_an_analog_range_chooses_the_domain(rig, port, range_, domain):
     assert domains[port % 2] is domain
 
 
-@pytest.mark.parametrize(("port", "range_"), [(0, 1), (1, 3), (2, 3), (4, 0), (-1, 0)])
+@each_row(("port", "range_"), [(0, 1), (1, 3), (2, 3), (4, 0), (-1, 0)])
 def test_removed_analog_ranges_stop_the_program(rig, port, range_):
     assert rig.fault(f"set_analog_inputrange({port}, {range_})")
 

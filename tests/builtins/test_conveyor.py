@@ -4,6 +4,7 @@ import pytest
 
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.motion.superposition import OffsetSettings
+from tests.rows import each_row
 from urproto.modes import RuntimeState, SafetyMode
 
 SETUP = "encoder_enable_pulse_decode(0, 1, 8, 9)\nsleep(0.5)\n"
@@ -167,7 +168,7 @@ def test_the_old_names_address_encoder_0(cb3):
     assert cb3.texts == ["True", "4", "4"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "complaint"),
     [
         ("encoder_enable_pulse_decode(2, 1, 8, 9)", "there is no encoder 2"),

@@ -10,6 +10,7 @@ import pytest
 from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from tests.ticking import ticked
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RobotMessage, SafetyModeMessage
@@ -198,7 +199,7 @@ def test_a_move_time_that_is_too_short_is_stretched(rig, move):
 
 
 @SERIES
-@pytest.mark.parametrize("command", [DashboardLine("brake release"), ScriptUnit("set robotmode run\n", "line")])
+@each_row("command", [DashboardLine("brake release"), ScriptUnit("set robotmode run\n", "line")])
 def test_one_command_brings_a_cold_arm_to_run(model, command):
     controller = Controller(ControllerConfig(model=load_model(model)))
     assert ticked(controller).robot_mode is RobotMode.POWER_OFF

@@ -5,6 +5,7 @@ import pytest
 
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.motion.reach import distance_to_singularity
+from tests.rows import each_row
 from urproto.modes import ControlMode, RuntimeState
 from urproto.robots import MODELS, load_model
 from urproto.robots.kinematics import Kinematics
@@ -112,7 +113,7 @@ def test_an_unknown_feature_is_refused(rig):
     assert "feature" in rig.fault('freedrive_mode([1,1,1,1,1,1], "table")')
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_singularity_distances_are_the_factors_of_the_determinant(name):
     model = load_model(name)
     rng = np.random.default_rng(3)
@@ -125,7 +126,7 @@ def test_singularity_distances_are_the_factors_of_the_determinant(name):
         assert distance_to_singularity(model.dh, tuple(q)) == pytest.approx(min(factors), rel=1e-9)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("q", "status"),
     [
         ([0, -1.5, 1.5, -1.6, -1.57, 0], 0),

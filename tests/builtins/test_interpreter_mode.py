@@ -11,6 +11,7 @@ from emulator.builtins.interpreter import LIBRARY
 from emulator.commands.requests import InterpreterLine
 from emulator.programs.interpreter import MAX_STATEMENTS
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.interpreter import AVAILABLE, LAST_ID, Reason
 from urproto.modes import RuntimeState
 
@@ -249,7 +250,7 @@ def test_a_variable_without_a_value(begun: InterpreterClient) -> None:
 # where interpreter_mode() may be called
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "problem"),
     [
         ("thread t():\n  interpreter_mode()\nend\nrun t()\nsync()\nsync()", "main thread"),

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.rows import each_row
 from urproto.robots.pose import rotvec_to_matrix
 
 GRAVITY = np.array([0.0, 0.0, 9.82])
@@ -88,7 +89,7 @@ def test_noise_is_averaged_by_least_squares(rig):
     assert found == pytest.approx(list(expected), abs=1e-9)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("turns", "problem"),
     [
         (TURNS[:3], "4 or more"),
@@ -105,7 +106,7 @@ def test_insufficient_poses_are_refused(rig, turns, problem):
         assert problem in rig.fault(program)
 
 
-@pytest.mark.parametrize("arguments", ["[1, 2, 3, 4], [1, 2, 3, 4]", "[[0]], [[0]]", '["a"], ["b"]'])
+@each_row("arguments", ["[1, 2, 3, 4], [1, 2, 3, 4]", "[[0]], [[0]]", '["a"], ["b"]'])
 def test_invalid_pose_lists_are_refused(rig, arguments):
     assert rig.fault(f"estimate_payload({arguments})").startswith("estimate_payload:")
 

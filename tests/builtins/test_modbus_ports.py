@@ -5,6 +5,7 @@ import pytest
 from emulator.fieldbus.modbus_io import PortError
 from emulator.fieldbus.modbus_map import COILS, REGISTERS, read_coil, read_register
 from emulator.lifecycle.safety import SafetyEvent
+from tests.rows import each_row
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 
 
@@ -12,9 +13,7 @@ def word(rig, address: int) -> int:
     return read_register(rig.controller, address)
 
 
-@pytest.mark.parametrize(
-    ("written", "read"), [("0", 0), ("32767", 32767), ("-2", -2), ("65535", -1), ("40000", -25536), ("12.9", 12)]
-)
+@each_row(("written", "read"), [("0", 0), ("32767", 32767), ("-2", -2), ("65535", -1), ("40000", -25536), ("12.9", 12)])
 def test_general_purpose_registers(rig, written, read):
     rig.run(f"write_port_register(128, 5)\nwrite_port_register(255, {written})")
     assert rig.value("read_port_register(255)") == read
@@ -126,7 +125,7 @@ def test_uptime_is_latched(rig):
     assert 0 < word(rig, 2049) < 100
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "message"),
     [
         ("read_port_register(34)", "no register 34"),

@@ -6,6 +6,7 @@ import pytest
 
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.services.modbus import MemoryModbus, MemoryUnit, ModbusUnit
+from tests.rows import each_row
 from urproto.modbus import ExceptionCode, Function
 from urproto.modes import ControlMode
 
@@ -210,7 +211,7 @@ def test_setting_an_output_of_a_lost_device_ends_the_program_too(rig, modbus):
     assert "invalid" in rig.fault('sleep(2.5)\nmodbus_set_output_signal("s", True)')
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("broken", "there", "combined", "device", "connection"),
     [
         (0, True, 0, 0, 0),
@@ -376,7 +377,7 @@ def test_without_a_network_units_are_unreachable(make_rig):
     assert rig.value('modbus_get_error("s", 2)') == errno.ENETUNREACH
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "message"),
     [
         ('modbus_add_signal("", 255, 0, 0, "s")', "address of a Modbus unit must not be empty"),

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from tests.rows import each_row
 from urproto.modes import ReportLevel, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots.pose import pose_sub, pose_trans
@@ -137,7 +138,7 @@ def test_movel_out_of_reach_is_a_protective_stop(rig):
     assert len([m for m in rig.messages if isinstance(m, ErrorCodeMessage)]) == 1
 
 
-@pytest.mark.parametrize("call", ["movej(%s, v=0)", "movel(%s, a=-1)", "optimovej(%s, v=1.5)", "stopj(0)"])
+@each_row("call", ["movej(%s, v=0)", "movel(%s, a=-1)", "optimovej(%s, v=1.5)", "stopj(0)"])
 def test_impossible_profiles_are_refused(rig, call):
     assert "must be" in (text := rig.fault(call.replace("%s", START))) or "fraction" in text
 
@@ -203,7 +204,7 @@ def test_a_goal_in_a_tracked_frame_uses_the_current_position_of_the_frame(rig):
     assert rig.texts == ["True"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("goal", "problem"),
     [
         ('"nowhere"', 'there is no frame "nowhere"'),

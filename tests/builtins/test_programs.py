@@ -6,6 +6,7 @@ from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.programs.loading import ProgramLoadError
+from tests.rows import each_row
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PopupMessage, RequestValueMessage
 
@@ -207,9 +208,7 @@ def test_watchdog_action_in_capitals(rig):
     rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
 
 
-@pytest.mark.parametrize(
-    "call", ['"no_such_field", 10', '"input_int_register_0", 10, "explode"', '"input_int_register_0", -1']
-)
+@each_row("call", ['"no_such_field", 10', '"input_int_register_0", 10, "explode"', '"input_int_register_0", -1'])
 def test_invalid_watchdog_arguments_are_refused(rig, call):
     assert "rtde_set_watchdog" in rig.fault(f"rtde_set_watchdog({call})")
 

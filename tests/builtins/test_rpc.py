@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from emulator.builtins.remote import httpclient
 from emulator.builtins.remote.pstream import PacketReader
 from emulator.builtins.remote.xmlrpc import BadReplyError, Reply, encode_call, to_value
+from tests.rows import each_row
 from urscript.values import INT_MAX, INT_MIN, MAX_ELEMENTS, Matrix, Pose, Struct
 
 URL = "http://10.0.0.1:50001/RPC2"
@@ -167,7 +168,7 @@ def test_values_that_xml_cannot_carry_are_errors(rig, argument, named):
 # replies
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("sent", "value"),
     [
         (True, True),
@@ -346,7 +347,7 @@ def test_other_values_have_no_members(rig):
     assert rig.fault("a = 1\nb = a.name") == "Type error: 'Int' has no member 'name'"
 
 
-@pytest.mark.parametrize("name", ["append", "pop", "clear", "to_string", "length"])
+@each_row("name", ["append", "pop", "clear", "to_string", "length"])
 def test_list_method_names_are_methods_of_the_server(make_rig, name):
     rig = make_rig("ur5e", "5.22")
     assert call(rig, f"server.{name}()", http(xml(3))) == 3
@@ -370,7 +371,7 @@ def test_a_server_that_never_accepts(rig, monkeypatch):
     assert rig.sockets.opened[0].state == "closed"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "url"),
     [
         ("corba", URL),

@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+from tests.rows import each_row
+
 OPEN = 'socket_open("10.0.0.1", 50001, "s")\n'
 
 
@@ -270,7 +272,7 @@ def test_at_most_thirty_values_are_read(rig, call):
     assert rig.texts == ["3031"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "call",
     [
         "socket_read_ascii_float(31)",

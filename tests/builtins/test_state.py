@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from tests.rows import each_row
 from urproto.modes import RuntimeState
 from urproto.robots.pose import pose_trans
 from urscript.values import Matrix, Pose
@@ -118,7 +119,7 @@ def test_pose_out_of_reach_has_no_solution(rig):
     assert "out of reach" in rig.fault("q = get_inverse_kin(p[10, 0, 0, 0, 0, 0])")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("argument", "within"),
     [
         ("p[0.4, 0.2, 0.3, 0, 3.14, 0]", True),
@@ -201,7 +202,7 @@ def test_payload_changes_gradually_over_its_transition_time(rig):
     assert rig.value("get_target_payload_inertia()") == [0.1, 0.1, 0.1, 0, 0, 0]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "call",
     [
         "set_payload(-1)",
@@ -352,7 +353,7 @@ def test_program_end_ends_force_mode(rig):
     assert rig.q == held
 
 
-@pytest.mark.parametrize(
+@each_row(
     "call",
     [
         "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,1,0,0,0], 4, [1,1,1,1,1,1])",

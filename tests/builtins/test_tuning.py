@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from emulator.lifecycle.safety import SafetyEvent
+from tests.rows import each_row
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_matrix
 
@@ -56,7 +57,7 @@ def test_screw_driving_follows_the_tool_when_it_is_turned(rig):
     assert not any(rig.controller.snapshot.actual_qd)
 
 
-@pytest.mark.parametrize("call", ["screw_driving(5, 0)", "screw_driving(5, -0.1)", "screw_driving(5 / 0.0, 0.1)"])
+@each_row("call", ["screw_driving(5, 0)", "screw_driving(5, -0.1)", "screw_driving(5 / 0.0, 0.1)"])
 def test_screw_driving_requires_a_force_and_a_speed(rig, call):
     assert rig.fault(call).count("screw_driving")
 
@@ -161,8 +162,8 @@ PAYLOAD = "set_target_payload(2, [0.03, -0.02, 0.08], [0.01, 0.012, 0.004, 0, 0,
 SET = f"tool_wrench_limit_set(p{list(FRAME)}, "
 
 
-@pytest.mark.parametrize("move", MOVES)
-@pytest.mark.parametrize(("name", "column"), [("Fx", 0), ("Fz", 2), ("My", 4)])
+@each_row("move", MOVES)
+@each_row(("name", "column"), [("Fx", 0), ("Fz", 2), ("My", 4)])
 def test_the_wrench_limit_is_kept_without_slowing_more_than_necessary(make_rig, move, name, column):
     free = wrenches(make_rig("ur5e", "5.20"), PAYLOAD + MOVES[move])[:, column].max()
     limit = free / 3

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from tests.rows import each_row
+
 RNG = np.random.default_rng(7)
 
 
@@ -116,7 +118,7 @@ def test_the_base_on_a_rail_survives_delete_all_and_is_reset(rig):
     assert rig.value('get_children("world")') == ["base"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "problem"),
     [
         ('add_frame("tcp", p[0,0,0,0,0,0])', "already"),

@@ -8,6 +8,7 @@ import pytest
 from campaign_rig import write
 
 from emulator.campaign.progress import duration
+from tests.rows import each_row
 
 
 def campaign(*words: str, folder: Path) -> "subprocess.CompletedProcess[str]":
@@ -46,6 +47,6 @@ def test_errors_are_one_line(tmp_path: Path) -> None:
     assert len(ended.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize(("seconds", "text"), [(5, "5 s"), (600, "10 min"), (7200, "2.0 h"), (1e6, "11.6 days")])
+@each_row(("seconds", "text"), [(5, "5 s"), (600, "10 min"), (7200, "2.0 h"), (1e6, "11.6 days")])
 def test_durations_are_formatted_for_people(seconds: float, text: str) -> None:
     assert duration(seconds) == text

@@ -7,6 +7,7 @@ from campaign_rig import write
 
 from emulator.campaign.plan import read_plan
 from emulator.config import ConfigError
+from tests.rows import each_row
 
 
 def test_runs_are_all_combinations_with_the_last_axis_varying_fastest(tmp_path: Path) -> None:
@@ -47,7 +48,7 @@ def test_a_million_runs_need_little_memory(tmp_path: Path) -> None:
     assert plan.command(plan.run(999_999))[3:7] == ["--model", "ur5", "--seed", "499999"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "complaint"),
     [
         ("matrix: {}", "give either 'script' or 'pytest'"),

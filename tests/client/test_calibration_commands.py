@@ -19,6 +19,7 @@ from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.config import read_calibration as calibrated
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from urproto.errors import RobotRefused
 from urproto.modes import KinematicsStatus
 from urproto.primary.state import KinematicsInfo
@@ -113,7 +114,7 @@ def test_doctor_without_a_robot() -> None:
     assert "Python 3." in text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "problem"),
     [
         (("describe",), "either a model or --robot-ip"),

@@ -28,6 +28,7 @@ from client.doctor import (
     priority,
 )
 from emulator import check
+from tests.rows import each_row
 from urproto.dashboard import GREETING
 from urproto.testing.process import EmulatorProcess
 
@@ -68,7 +69,7 @@ def dashboard_of(answers: Mapping[str, str], pieces: int = 1) -> Iterator[tuple[
         server.join()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("answers", "pieces", "grade", "text"),
     [
         (ANSWERS, 1, None, ""),
@@ -142,7 +143,7 @@ def test_states_that_were_left_out_are_counted() -> None:
     assert "3 missing" in found["RTDE stream"].text
 
 
-@pytest.mark.parametrize("stamps", [[], [1.0], [1.0, 1.0, 1.0]])
+@each_row("stamps", [[], [1.0], [1.0, 1.0, 1.0]])
 def test_a_clock_that_stands_still(stamps: list[float]) -> None:
     assert grades(stamps, stamps)["RTDE stream"].grade is Grade.BROKEN
 
@@ -201,7 +202,7 @@ def test_exit_status() -> None:
     assert exit_status([good, broken]) == 1
 
 
-@pytest.mark.parametrize("stamp", [math.nan, math.inf, 1e300])
+@each_row("stamp", [math.nan, math.inf, 1e300])
 def test_states_without_a_time_are_a_finding(stamp):
     stamps = [0.002 * number for number in range(100)]
     arrivals = list(stamps)

@@ -14,6 +14,7 @@ from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
 from emulator.lifecycle.power import PowerEvent
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.robotiq import MODELS, Fault, ObjectStatus, Status
@@ -92,7 +93,7 @@ async def server(answers: dict[bytes, bytes], default: bytes = b"") -> AsyncIter
         await serving.wait_closed()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("answers", "error", "text"),
     [
         ({b"STA": b"\xff\0 garbage"}, RemoteProtocolError, "this is not a gripper: it sent"),

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
+from tests.rows import each_row
 from urproto.commandline import Deferred
 
 MISTAKES = {
@@ -68,7 +69,7 @@ def test_a_mistake_gets_one_line_that_helps(
     assert "Traceback" not in errors
 
 
-@pytest.mark.parametrize("module", ["client.cli", "emulator.cli", "emulator.check"])
+@each_row("module", ["client.cli", "emulator.cli", "emulator.check"])
 def test_help_is_whole_and_without_markup(module: str) -> None:
     for name, text in helps(get_command(import_module(module).app), module):
         assert "``" not in text, name

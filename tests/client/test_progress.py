@@ -3,10 +3,10 @@
 import io
 import re
 
-import pytest
 from rich.console import Console
 
 from client.commands.following import ProgressBar
+from tests.rows import each_row
 
 
 def shown(width: int, terminal: bool, shares: int = 21) -> str:
@@ -33,7 +33,7 @@ def test_without_a_terminal_there_is_a_line_now_and_then() -> None:
     assert shown(80, terminal=False, shares=4) == ""  # short ones say nothing
 
 
-@pytest.mark.parametrize("width", [40, 80, 200])
+@each_row("width", [40, 80, 200])
 def test_a_bar_fits_the_terminal(width: int) -> None:
     lines = re.sub(r"\x1b\[[?\d]*[A-Za-z]", "", shown(width, terminal=True)).replace("\r", "\n").splitlines()
     bars = [line for line in lines if "bend (2/3)" in line]

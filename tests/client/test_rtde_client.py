@@ -8,6 +8,7 @@ import pytest
 from client.connection import POLL
 from client.errors import ConnectionLostError, RobotUnreachableError
 from client.rtde import BlockingRTDEClient, RTDEClient, RTDECore, read_recipe
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
@@ -212,7 +213,7 @@ def test_nothing_is_left_to_receive():
         drive(RTDECore(["actual_q"], ignore_unavailable=True).start(), Old())
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("version", "frequency_hz", "rate_hz"),
     [("3.15", None, 125), ("3.15", 50, 62.5), ("3.15", 100, 125), ("5.22", 125, 125), ("5.22", 300, 500)],
 )

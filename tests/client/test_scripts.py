@@ -6,6 +6,7 @@ from client.connection import POLL, TimeLimit
 from client.errors import NoAnswerError, ScriptFailedError
 from client.primary import BRAKE_RELEASE, POWER_ON, STOP_PROGRAM, UNLOCK_PROTECTIVE_STOP, PrimaryCore
 from client.scripts import prepare, with_end_message
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.modes import ReportLevel, RobotMode, SafetyMode
 from urproto.primary.messages import (
@@ -134,7 +135,7 @@ def test_a_program_that_is_stopped_has_not_come_to_its_end(ended):
             robot.run(core.finish(run))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "can_report_end"),
     [
         ("def f():\n  def g():\n    a = 1\n  end\n  g()\nend # f\n\n# that is all\n", True),
@@ -178,7 +179,7 @@ def test_bare_statements_get_a_name():
     assert first.name != second.name
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "name", "shift"),
     [
         ("def f():\nend", "f", 0),
@@ -200,7 +201,7 @@ def test_what_cannot_be_waited_for():
         prepare("x = 1", "1st")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "reported", "line", "message"),
     [
         (PROGRAM, (2, 3, "compile_error_name_not_found:f:"), 2, "compile_error_name_not_found:f:"),
@@ -235,7 +236,7 @@ STOP = SafetyModeMessage(safety_mode=SafetyMode.PROTECTIVE_STOP)
 STOPPED_STATE = state(safety=SafetyMode.PROTECTIVE_STOP, paused=True)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("encoded_messages", "text"),
     [
         ((STOP, STOPPED_STATE, CODE), "PROTECTIVE_STOP C153A2 deviates"),
@@ -286,7 +287,7 @@ def test_a_read_only_connection():
         Robot(encoded(read_only)).run(PrimaryCore().command(STOP_PROGRAM))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("command", "before", "after"),
     [
         (POWER_ON, state(RobotMode.POWER_OFF), state(RobotMode.IDLE)),

@@ -1,11 +1,10 @@
 """Addresses of this machine: which they are, and how it reaches servers that listen on all of them."""
 
-import pytest
-
+from tests.rows import each_row
 from urproto.addresses import is_loopback, local_address
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("address", "here"),
     [
         ("127.0.0.1", True),
@@ -23,7 +22,7 @@ def test_only_loopback_is_this_machine(address: str, here: bool) -> None:
     assert is_loopback(address) is here
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("listens", "reached"), [("0.0.0.0", "127.0.0.1"), ("::", "::1"), ("", "127.0.0.1"), ("10.0.0.2", "10.0.0.2")]
 )
 def test_a_server_on_all_addresses_is_reached_on_loopback(listens: str, reached: str) -> None:

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.dashboard import (
     LineDecoder,
     ProgramState,
@@ -25,7 +26,7 @@ from urproto.modes import RobotMode, SafetyMode, SafetyStatus
 from urproto.versions import PolyscopeVersion
 
 
-@pytest.mark.parametrize("step", [1, 3, 100])
+@each_row("step", [1, 3, 100])
 def test_lines_in_any_split(step):
     stream = b"power on\r\n\nplay\nset name=\xc3\xa9 \xff\nhalf"
     decoder = LineDecoder()
@@ -60,7 +61,7 @@ def test_an_answer_is_one_line():
     assert encode_line("grüß \ud800") == "grüß ?\n".encode()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parse", "reply", "value"),
     [
         (parse_robot_mode, "Robotmode: POWER_OFF", RobotMode.POWER_OFF),
@@ -87,7 +88,7 @@ def test_replies(parse, reply, value):
     assert parse(reply) == value
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parse", "reply"),
     [
         (parse_robot_mode, "Robotmode: DANCING"),

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.dashboard import LineDecoder
 from urproto.errors import RemoteProtocolError
 from urproto.modbus import FrameDecoder
@@ -54,7 +55,7 @@ def test_results_do_not_depend_on_the_split(kind, data):
     assert repr(whole) == repr(bytewise)  # repr, in which NaN equals itself
 
 
-@pytest.mark.parametrize("kind", DECODERS)
+@each_row("kind", DECODERS)
 def test_memory_is_bounded(kind):
     """Feed the start of the longest message that each decoder waits for, then far more than that."""
     decoder = kind()

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.external_control import (
     Answer,
@@ -114,19 +115,19 @@ ANSWERS = [
 ]
 
 
-@pytest.mark.parametrize(("message", "words"), REVERSE)
+@each_row(("message", "words"), REVERSE)
 def test_reverse_messages(message, words):
     assert _words(message.encode()) == words
     assert ReverseMessage.decode(message.encode()) == message
 
 
-@pytest.mark.parametrize(("point", "words"), POINTS)
+@each_row(("point", "words"), POINTS)
 def test_trajectory_points(point, words):
     assert _words(point.encode()) == words
     assert TrajectoryPoint.decode(point.encode()) == point
 
 
-@pytest.mark.parametrize(("command", "words"), COMMANDS)
+@each_row(("command", "words"), COMMANDS)
 def test_script_commands(command, words):
     assert _words(command.encode()) == words + [0] * (28 - len(words))
     decoded = ScriptCommand.decode(command.encode())
@@ -134,7 +135,7 @@ def test_script_commands(command, words):
     assert decoded.words[: len(command.words)] == command.words
 
 
-@pytest.mark.parametrize(("message", "words"), ANSWERS)
+@each_row(("message", "words"), ANSWERS)
 def test_answers(message, words):
     assert _words(message.encode()) == words
     (received,) = ReplyDecoder().feed(message.encode())
@@ -176,7 +177,7 @@ def test_any_bytes_are_messages_or_a_protocol_error(chunks):
             pass
 
 
-@pytest.mark.parametrize(
+@each_row(
     "make",
     [
         lambda: ReverseMessage.setpoint(ControlMode.SERVOJ, (1, 2, 3), 20),

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.rows import each_row
 from urproto import external_control as ec
 from urproto import modbus
 from urproto.dashboard import COMMANDS
@@ -289,7 +290,7 @@ def table() -> str:
     )
 
 
-@pytest.mark.parametrize(("port", "version", "case", "origin"), EXECUTED)
+@each_row(("port", "version", "case", "origin"), EXECUTED)
 def test_case(port: str, version: str, case: str, origin: str) -> None:
     assert READERS[port](version, case)
     assert origin

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import RemoteProtocolError
 from urproto.interpreter import (
     InterpreterAnswer,
@@ -29,7 +30,7 @@ def test_answers_match_the_manual() -> None:
     assert state(7, "statelastexecuted") == "state: 7: statelastexecuted"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "kind", "number"),
     [
         (ack(12, "sleep(1)"), "ack", "12"),
@@ -50,20 +51,20 @@ def test_answers_round_trip(line: str, number: int) -> None:
     assert parse_answer(discard(Reason.COMPILE, line)) == InterpreterAnswer(None, "Compile error", line)
 
 
-@pytest.mark.parametrize("text", ["", "ack", "ack: x: y", "nack: 1: y", "Connected: Universal Robots Dashboard Server"])
+@each_row("text", ["", "ack", "ack: x: y", "nack: 1: y", "Connected: Universal Robots Dashboard Server"])
 def test_other_text_is_not_an_answer(text: str) -> None:
     with pytest.raises(RemoteProtocolError, match="not an answer of interpreter mode"):
         parse_answer(text)
 
 
-@pytest.mark.parametrize("line", ["abort", " SkipBuffer\t", "STATELASTEXECUTED"])
+@each_row("line", ["abort", " SkipBuffer\t", "STATELASTEXECUTED"])
 def test_commands(line: str) -> None:
     command = InterpreterCommand.of(line)
     assert command is not None
     assert command.value == line.strip().lower()
 
 
-@pytest.mark.parametrize("line", ["abort()", "abort end_interpreter()", "", "skip buffer"])
+@each_row("line", ["abort()", "abort end_interpreter()", "", "skip buffer"])
 def test_statements_are_not_commands(line: str) -> None:
     assert InterpreterCommand.of(line) is None
 

@@ -8,6 +8,7 @@ from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu import bit_message as bits
 from pymodbus.pdu import register_message as words
 
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modbus import (
     Frame,
@@ -90,7 +91,7 @@ def pdu(message: ModbusPDU) -> bytes:
     return bytes([message.function_code]) + message.encode()
 
 
-@pytest.mark.parametrize(("request_", "values", "theirs", "response"), CASES, ids=lambda case: type(case).__name__)
+@each_row(("request_", "values", "theirs", "response"), CASES, ids=lambda case: type(case).__name__)
 def test_requests_and_responses(request_, values, theirs, response):
     assert encode_request(request_) == pdu(theirs)
     assert decode_request(pdu(theirs)) == request_
@@ -98,7 +99,7 @@ def test_requests_and_responses(request_, values, theirs, response):
     assert decode_response(request_, pdu(response)) == values
 
 
-@pytest.mark.parametrize("request_", OURS, ids=lambda case: case.function)
+@each_row("request_", OURS, ids=lambda case: case.function)
 def test_exceptions(request_):
     wire = exception_response(request_.function, 6)
     assert wire == pdu(ExceptionResponse(request_.function, 6))
@@ -115,7 +116,7 @@ def test_frames():
     assert FrameDecoder().feed(wire * 3) == [frame] * 3
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("pdu", "code"),
     [
         (b"\x07", 1),
@@ -160,7 +161,7 @@ def test_any_response_is_an_answer_or_a_protocol_error(request_, data):
     assert len(values) == (request_.count if request_.function in (1, 2, 3, 4, 23) else 0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "request_",
     [
         ModbusRequest(Function.WRITE_REGISTER, 0, values=(65536,)),

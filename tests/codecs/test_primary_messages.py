@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modes import MessageSource, ReportDataType, ReportLevel, RequestedType, SafetyMode
 from urproto.primary.framing import OtherMessage, PrimaryDecoder
@@ -115,8 +116,8 @@ WRITTEN_OUT = [
 ]
 
 
-@pytest.mark.parametrize("name", RECORDED)
-@pytest.mark.parametrize("step", [1, 7, 10_000])
+@each_row("name", RECORDED)
+@each_row("step", [1, 7, 10_000])
 def test_recorded_streams(golden, name, step):
     data = golden(name)
     decoder = PrimaryDecoder()
@@ -126,12 +127,12 @@ def test_recorded_streams(golden, name, step):
         assert isinstance(message, OtherMessage) if expected is OtherMessage else message == expected
 
 
-@pytest.mark.parametrize("name", sorted(set(RECORDED) - {"connect_3.10", "key_stopped_5.4"}))
+@each_row("name", sorted(set(RECORDED) - {"connect_3.10", "key_stopped_5.4"}))
 def test_recorded_messages_are_reencoded_to_the_same_bytes(golden, name):
     assert b"".join(message.encode(V5_22) for message in RECORDED[name]) == golden(name)
 
 
-@pytest.mark.parametrize(("message", "wire"), WRITTEN_OUT)
+@each_row(("message", "wire"), WRITTEN_OUT)
 def test_each_kind_decodes_from_and_encodes_to_its_bytes(message, wire):
     data = bytes.fromhex(wire)
     assert message.encode(V5_22) == data
@@ -157,7 +158,7 @@ def test_titles_are_cut_at_255_bytes():
     assert PrimaryDecoder().feed(message.encode(V3_15)) == [KeyMessage(title="x" * 255, text="y" * 300)]
 
 
-@pytest.mark.parametrize("text", ["", "grüß", "\udc80 not UTF-8", "two\nlines"])
+@each_row("text", ["", "grüß", "\udc80 not UTF-8", "two\nlines"])
 def test_texts_round_trip(text):
     message = TextMessage(text=text)
     assert PrimaryDecoder().feed(message.encode(V3_15)) == [message]
@@ -181,7 +182,7 @@ def test_appended_bytes_of_newer_software_are_ignored():
     assert decode_robot_message(message.encode(V5_22)[5:] + b"new", V5_22) == message
 
 
-@pytest.mark.parametrize(("message", "wire"), WRITTEN_OUT)
+@each_row(("message", "wire"), WRITTEN_OUT)
 def test_short_messages_are_kept_with_the_reason(message, wire):
     kind = bytes.fromhex(wire)[14]
     short = bytes.fromhex(f"00000010 14 {HEADER} fe") + bytes([kind, 1])

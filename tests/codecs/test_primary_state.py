@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modes import JointMode, RobotMode, RobotSubType, RobotType, SafetyMode
 from urproto.primary.framing import MAX_MESSAGE_SIZE, OtherMessage, PrimaryDecoder
@@ -51,7 +52,7 @@ def sub_packages(message: bytes) -> dict[int, int]:
     return sizes
 
 
-@pytest.mark.parametrize(("name", "version", "full"), RECORDED)
+@each_row(("name", "version", "full"), RECORDED)
 def test_recorded_states_are_reencoded_to_the_same_bytes(golden, name, version, full):
     data = golden(name)
     state = decode(data)
@@ -59,7 +60,7 @@ def test_recorded_states_are_reencoded_to_the_same_bytes(golden, name, version, 
     assert encode_robot_state(state, version, full=full) == data
 
 
-@pytest.mark.parametrize(("name", "version", "full"), RECORDED)
+@each_row(("name", "version", "full"), RECORDED)
 def test_byte_by_byte(golden, name, version, full):
     data = golden(name)
     decoder = PrimaryDecoder()
@@ -119,7 +120,7 @@ def test_cb2_parts_that_are_too_short_are_kept_raw(golden):
     assert round(state.joints.joints[0].q_actual, 3) == -3.860
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("version", "sizes"),
     [
         ("3.0", {0: 38, 1: 251, 4: 53, 9: 53, 3: 72, 2: 37, 6: 445, 7: 61}),
@@ -189,13 +190,13 @@ def test_unknown_parts_are_preserved():
     assert encode_robot_state(state, V5_24, full=True)[5:] == payload
 
 
-@pytest.mark.parametrize("payload", ["00", "00000004 00", "ffffffff 00", "00000006 00", "7fffffff 00 00"])
+@each_row("payload", ["00", "00000004 00", "ffffffff 00", "00000006 00", "7fffffff 00 00"])
 def test_sizes_that_do_not_add_up(payload):
     with pytest.raises(RemoteProtocolError):
         decode_robot_state(bytes.fromhex(payload))
 
 
-@pytest.mark.parametrize("size", [-1, 0, 4, MAX_MESSAGE_SIZE + 1, 2**31 - 1])
+@each_row("size", [-1, 0, 4, MAX_MESSAGE_SIZE + 1, 2**31 - 1])
 def test_impossible_message_size_ends_the_stream(size):
     decoder = PrimaryDecoder()
     with pytest.raises(RemoteProtocolError):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.primary.framing import OtherMessage, PrimaryDecoder
 from urproto.primary.program_state import (
@@ -41,8 +42,8 @@ VALUES = [
 ]
 
 
-@pytest.mark.parametrize(("value", "old", "new"), VALUES)
-@pytest.mark.parametrize("version", [OLD, E_OLD, NEW, E_NEW], ids=str)
+@each_row(("value", "old", "new"), VALUES)
+@each_row("version", [OLD, E_OLD, NEW, E_NEW], ids=str)
 def test_values(value, old, new, version):
     wire = bytes.fromhex(old if version in (OLD, E_OLD) else new)
     message = GlobalVariableValues(timestamp_us=7, start_index=3, values=(value,))
@@ -67,7 +68,7 @@ def test_alternative_string_and_number_codes_are_decoded():
     assert decode_program_state(payload, NEW).values == ("a", 0.5)
 
 
-@pytest.mark.parametrize(("names", "text"), [((), b""), (("a",), b"a\n"), (("a", "b_1"), b"a\nb_1\n")])
+@each_row(("names", "text"), [((), b""), (("a",), b"a\n"), (("a", "b_1"), b"a\nb_1\n")])
 def test_names(names, text):
     message = GlobalVariableNames(timestamp_us=1, start_index=2, names=names)
     data = message.encode(NEW)
@@ -88,7 +89,7 @@ def test_unknown_kinds_are_kept():
     assert PrimaryDecoder().feed(message.encode(NEW)) == [message]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "reason"),
     [("63", "type code 99"), ("0f 0000", "too early"), ("0d 01 0b", "line feed"), ("11 0001" * 40, "nested deeper")],
 )
@@ -101,7 +102,7 @@ def test_unreadable_values_are_kept_with_the_reason(body, reason):
     assert reason in kept.error
 
 
-@pytest.mark.parametrize("value", [2**31, 1e300, tuple([0] * 70000)])
+@each_row("value", [2**31, 1e300, tuple([0] * 70000)])
 def test_values_the_wire_cannot_carry(value):
     with pytest.raises(LocalProtocolError):
         GlobalVariableValues(values=(value,)).encode(NEW)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import RemoteProtocolError
 from urproto.modes import RobotMode
 from urproto.realtime import COLUMNS, RealtimeDecoder, decode_realtime, encode_realtime, packet_size
@@ -40,7 +41,7 @@ def values():
     }
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("version", "size"),
     [
         ("3.0", 1044), ("3.1", 1044), ("3.2", 1060), ("3.4", 1060), ("3.5", 1108), ("3.15.8", 1108), ("5.0", 1108),
@@ -53,7 +54,7 @@ def test_sizes(version, size):
     assert struct.unpack(">i", packet[:4]) == (size,)
 
 
-@pytest.mark.parametrize("name", OFFSETS)
+@each_row("name", OFFSETS)
 def test_offsets(name):
     packet = encode_realtime(SimpleNamespace(**values()), V5_22)
     expected = values()[name]
@@ -69,8 +70,8 @@ def test_every_named_column_has_an_offset_above():
     assert set(OFFSETS) == set(values())
 
 
-@pytest.mark.parametrize("version", ["3.0", "3.2", "3.5", "5.1", "5.4", "5.10"])
-@pytest.mark.parametrize("step", [1, 100, 5000])
+@each_row("version", ["3.0", "3.2", "3.5", "5.1", "5.4", "5.10"])
+@each_row("step", [1, 100, 5000])
 def test_round_trip_in_any_split(version, step):
     version = PolyscopeVersion.parse(version)
     packet = encode_realtime(SimpleNamespace(**values()), version)
@@ -92,7 +93,7 @@ def test_newer_software_may_append():
     assert decode_realtime(packet) == values()
 
 
-@pytest.mark.parametrize("size", [-1, 0, 4, 5, 812, 1109, 70000])
+@each_row("size", [-1, 0, 4, 5, 812, 1109, 70000])
 def test_impossible_sizes_end_the_stream(size):
     decoder = RealtimeDecoder()
     with pytest.raises(RemoteProtocolError):

@@ -4,11 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import RemoteProtocolError
 from urproto.robotiq import Get, InvalidRequest, RequestDecoder, Set, encode_value
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("line", "request_"),
     [
         ("GET POS", Get("POS")),
@@ -32,8 +33,8 @@ from urproto.robotiq import Get, InvalidRequest, RequestDecoder, Set, encode_val
         ("get POS", InvalidRequest("get POS")),
     ],
 )
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("chunk", [1, 100])
+@each_row("end", ["\n", "\r\n"])
+@each_row("chunk", [1, 100])
 def test_lines(line: str, request_: object, end: str, chunk: int) -> None:
     decoder = RequestDecoder()
     data = f"\n{line}{end}".encode()

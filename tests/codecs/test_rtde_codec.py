@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.rtde.codec import (
     ClientMessage,
@@ -90,21 +91,21 @@ REPLIES = [
 ]
 
 
-@pytest.mark.parametrize(("message", "protocol", "wire"), REQUESTS)
+@each_row(("message", "protocol", "wire"), REQUESTS)
 def test_request(message, protocol, wire):
     data = bytes.fromhex(wire)
     assert message.encode(protocol) == data
     assert [decode_request(package, protocol) for package in RTDEDecoder().feed(data)] == [message]
 
 
-@pytest.mark.parametrize(("message", "protocol", "wire"), REPLIES)
+@each_row(("message", "protocol", "wire"), REPLIES)
 def test_reply(message, protocol, wire):
     data = bytes.fromhex(wire)
     assert message.encode(protocol) == data
     assert [decode_reply(package, protocol) for package in RTDEDecoder().feed(data)] == [message]
 
 
-@pytest.mark.parametrize(("message", "protocol", "wire"), REQUESTS + REPLIES)
+@each_row(("message", "protocol", "wire"), REQUESTS + REPLIES)
 def test_byte_by_byte(message, protocol, wire):
     decoder = RTDEDecoder()
     fed = [decoder.feed(bytes([byte])) for byte in bytes.fromhex(wire)]
@@ -135,7 +136,7 @@ def test_long_texts_are_cut_to_255_bytes():
     assert message == TextMessage("x" * 255, "y" * 255)
 
 
-@pytest.mark.parametrize("size", [0, 1, 2])
+@each_row("size", [0, 1, 2])
 def test_impossible_size_ends_the_stream(size):
     decoder = RTDEDecoder()
     with pytest.raises(RemoteProtocolError, match=f"size {size}"):
@@ -152,7 +153,7 @@ def test_packages_before_the_impossible_size_are_not_lost():
         decoder.feed(b"")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("package", "text"),
     [
         (Package(2, b"\0\0"), "type 2"),
@@ -170,7 +171,7 @@ def test_a_bad_request_is_named_and_leaves_the_stream_usable(package, text):
     assert decode_request(good, 2) == Start()
 
 
-@pytest.mark.parametrize(
+@each_row(
     "message",
     [RequestProtocol(70000), SetupOutputs(("timestamp",)), InputData(300, b""), InputData(1, bytes(65535))],
 )

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modes import JointMode, RobotMode
 from urproto.rtde.codec import OutputData, output_packer
@@ -75,7 +76,7 @@ def test_the_table_has_every_variable_of_the_guide():
     assert (len(OUTPUT_FIELDS), len(INPUT_FIELDS)) == (408, 175)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "version", "offered"),
     [
         ("actual_q", "3.3", True),
@@ -97,9 +98,7 @@ def test_first_versions(name, version, offered):
     assert (name in available_fields(OUTPUT_FIELDS, PolyscopeVersion.parse(version))) is offered
 
 
-@pytest.mark.parametrize(
-    "name", ["output_bit_register_63", "input_bit_register_0", "output_int_register_48", "Actual_q"]
-)
+@each_row("name", ["output_bit_register_63", "input_bit_register_0", "output_int_register_48", "Actual_q"])
 def test_names_that_do_not_exist(name):
     assert name not in OUTPUT_FIELDS
     assert type_names([name], OUTPUT_FIELDS) == ("NOT_FOUND",)
@@ -141,7 +140,7 @@ def test_the_packer_reads_the_same_values_as_the_fields():
     assert recipe.packer()(source) == recipe.pack([field.read(source) for field in recipe.fields])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "expected"),
     [
         ("output_bit_registers0_to_31", 0x4B5A6978),
@@ -165,13 +164,13 @@ def test_the_output_packer_creates_complete_packages(protocol):
     assert output_packer(recipe, protocol, 7)(source) == package
 
 
-@pytest.mark.parametrize("values", [(), (1.0, 2.0), ("x",), (None,)])
+@each_row("values", [(), (1.0, 2.0), ("x",), (None,)])
 def test_values_that_do_not_fit(values):
     with pytest.raises(LocalProtocolError):
         Recipe.of(["timestamp"], OUTPUT_FIELDS).pack(values)
 
 
-@pytest.mark.parametrize("size", [0, 7, 9])
+@each_row("size", [0, 7, 9])
 def test_wrong_size_is_a_remote_error(size):
     with pytest.raises(RemoteProtocolError, match="8 bytes"):
         Recipe.of(["timestamp"], OUTPUT_FIELDS).unpack(bytes(size))

@@ -1,11 +1,10 @@
 """Availability of features in the three software lines."""
 
-import pytest
-
+from tests.rows import each_row
 from urproto.versions import Availability, PolyscopeVersion, Series
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("e", "x"),
     [
         ("5.21", "10.8"),  # optimovej: the C++ client's control program
@@ -40,7 +39,7 @@ def test_a_software_line_may_lack_a_feature() -> None:
         assert {text for text in lines if availability.covers(PolyscopeVersion.parse(text))} == having
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("availability", "text"),
     [
         (Availability.since("3.12", "5.6"), "CB3 since 3.12, e-Series since 5.6"),

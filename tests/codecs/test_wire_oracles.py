@@ -6,7 +6,6 @@ The declarations of the primary interface are in primary_structs.
 from types import SimpleNamespace
 
 import construct as c
-import pytest
 from primary_structs import (
     I32,
     U8,
@@ -24,6 +23,7 @@ from primary_structs import (
     tool_mode,
 )
 
+from tests.rows import each_row
 from urproto.primary import state as parts
 from urproto.realtime import COLUMNS, encode_realtime
 from urproto.versions import PolyscopeVersion
@@ -105,8 +105,8 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize(("declare", "part", "expected"), CASES, ids=[case[0].__name__ for case in CASES])
+@each_row("version", VERSIONS)
+@each_row(("declare", "part", "expected"), CASES, ids=[case[0].__name__ for case in CASES])
 def test_sub_package_against_construct(declare, part, expected, version):
     oracle = declare(version)
     encoded = part.encode(PolyscopeVersion.parse(version))
@@ -156,7 +156,7 @@ LAYOUTS = {
 }
 
 
-@pytest.mark.parametrize("version", LAYOUTS)
+@each_row("version", LAYOUTS)
 def test_realtime_packet_against_construct(version):
     sent = {
         column.name: 10 * n + 1 if column.count == 1 else tuple(10.0 * n + part for part in range(column.count))

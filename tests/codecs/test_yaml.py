@@ -2,12 +2,13 @@
 
 import pytest
 
+from tests.rows import each_row
 from urproto.yamltext import InvalidYamlError, load_yaml
 
 MULTIPLYING = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 9))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "reason"),
     [
         ("2001-99-99", "month must be in 1..12"),

@@ -17,6 +17,7 @@ from emulator.app import Emulator
 from emulator.clock import StepClock
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from urproto.controlapi import BadArguments, ControlClient, NoControlError, NotPossible, RemoteControl
 from urproto.robots import load_model
 
@@ -152,7 +153,7 @@ async def test_several_requests_on_one_connection_are_answered_in_order(emulator
     writer.close()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("path", "body", "headers", "status"),
     [
         ("/verbs/fly", b"{}", {}, 404),

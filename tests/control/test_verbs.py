@@ -16,6 +16,7 @@ from emulator.control.verbs import verbs_of
 from emulator.machine import ControllerConfig
 from emulator.servers.admission import Reason, RejectedClients
 from emulator.virtual import VirtualRobot
+from tests.rows import each_row
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
@@ -50,7 +51,7 @@ def test_steps_are_control_periods(robot: VirtualRobot) -> None:
     assert robot.step(500) == pytest.approx(before + 500 * robot.time()["period_s"])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("condition", "complaint"),
     [
         ("robot_mode", "is not a condition"),
@@ -121,7 +122,7 @@ def test_inputs_outputs_and_registers(robot: VirtualRobot) -> None:
     assert robot.state(["input_bit_registers"])["input_bit_registers"] == 1 << 70
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("verb", "arguments", "complaint"),
     [
         ("set_digital_input", {"index": 8, "level": True}, "standard digital signal 8"),

@@ -6,6 +6,7 @@ import pytest
 
 from emulator.machine import ControllerConfig
 from emulator.virtual import VirtualRobot
+from tests.rows import each_row
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 
@@ -51,7 +52,7 @@ def test_objects_are_added_and_removed(make) -> None:
     assert (robot.objects(), force_z(robot)) == ([], 0.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "complaint"),
     [
         (lambda robot: robot.add_object("x", {"cone": 1}), "cone"),

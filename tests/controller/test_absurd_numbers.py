@@ -12,6 +12,7 @@ from emulator.robot.installation import Payload
 from emulator.safety.files import load_safety_file
 from emulator.virtual import VirtualRobot
 from emulator.world.file import read_world
+from tests.rows import each_row
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.primary.messages import TextMessage
 from urproto.robots import load_model
@@ -37,9 +38,9 @@ CALLS = {
 }
 
 
-@pytest.mark.parametrize("bad", BAD)
-@pytest.mark.parametrize("call", CALLS)
-@pytest.mark.parametrize("by_name", [False, True])
+@each_row("bad", BAD)
+@each_row("call", CALLS)
+@each_row("by_name", [False, True])
 def test_verbs_refuse_absurd_numbers(call, bad, by_name):
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True))
     robot.step()
@@ -54,7 +55,7 @@ def test_verbs_refuse_absurd_numbers(call, bad, by_name):
     assert changed <= {"step", "timestamp", "actual_robot_energy_consumed"}
 
 
-@pytest.mark.parametrize("bad", BAD)
+@each_row("bad", BAD)
 def test_an_absurd_payload_cannot_be_mounted(bad):
     with pytest.raises(ValueError, match="is not a payload"):
         MountPayload(Payload(1.0, (bad, 0.0, 0.0)))
@@ -70,7 +71,7 @@ def test_the_slider_accepts_only_finite_numbers(rig, text):
     assert "ignored: give a number" in rig.controller.messages.history[-1]
 
 
-@pytest.mark.parametrize("bad", [".nan", ".inf", "1.0e+155"])
+@each_row("bad", [".nan", ".inf", "1.0e+155"])
 def test_a_world_file_with_absurd_numbers_is_refused(tmp_path, bad):
     path = tmp_path / "world.yaml"
     for shape in (f"box: [1, 1, {bad}]", f"sphere: {bad}", f"box: [1, 1, 1]\n    pose: [0, {bad}, 0]"):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from emulator.robot.body import STEP_S, Body
+from tests.rows import each_row
 from urproto.robots import MODELS, Kinematics, load_model
 from urproto.robots.measured import drivetrain_of
 
@@ -17,7 +18,7 @@ def energy(body):
     return sum(body.dynamics.energy(body.q, body.qd))
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_a_falling_arm_without_friction_keeps_its_energy(name):
     body = Body(load_model(name), smooth=True)
     body.place(LOW)
@@ -91,7 +92,7 @@ def test_gravity_torque_holds_the_arm_still():
     assert body.q == pytest.approx(LOW, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_friction_brings_every_joint_to_a_crawl(name):
     chance = random.Random(name)
     body = Body(load_model(name))
@@ -102,7 +103,7 @@ def test_friction_brings_every_joint_to_a_crawl(name):
     assert body.qd == pytest.approx(ZERO6, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_brakes_stop_and_lock_the_arm(name):
     model = load_model(name)
     body = Body(model)
@@ -118,7 +119,7 @@ def test_brakes_stop_and_lock_the_arm(name):
     assert body.q == locked
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_every_joint_reaches_its_speed_despite_friction(name):
     model = load_model(name)
     drives = drivetrain_of(model)

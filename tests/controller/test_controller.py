@@ -8,6 +8,7 @@ from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
 from emulator.mailbox import Command
+from tests.rows import each_row
 from tests.ticking import ticked
 from urproto.modes import ControlMode, JointMode, ReportLevel, RobotMode, RobotStatusBits, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage, RuntimeExceptionMessage, SafetyModeMessage
@@ -354,7 +355,7 @@ def test_the_dashboard_names_the_loaded_program_only(make, tmp_path):
     assert rig.request("programState") == "PLAYING own.script"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("version", "remote", "answer"),
     [
         ("5.9.4", False, "Starting program"),  # tests of the official C++ client, which say that remote control is off

@@ -12,6 +12,7 @@ from emulator.lifecycle.runstate import Speed
 from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.installation import Installation, Payload
+from tests.rows import each_row
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RequestValueMessage, TextMessage
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
@@ -75,7 +76,7 @@ def test_register_tuples_stay_the_same_object_until_a_value_changes():
 # signals
 
 
-@pytest.mark.parametrize(("group", "first", "count"), [(STANDARD, 0, 8), (CONFIGURABLE, 8, 8), (TOOL, 16, 2)])
+@each_row(("group", "first", "count"), [(STANDARD, 0, 8), (CONFIGURABLE, 8, 8), (TOOL, 16, 2)])
 def test_groups_of_digital_signals_share_one_word(group, first, count):
     signals = Signals()
     for index in range(count):
@@ -104,7 +105,7 @@ def test_a_mask_cannot_reach_beyond_its_group():
     assert signals.digital_outputs == 0b11 << 16
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("domain", "ratio", "value"),
     [
         (AnalogDomain.CURRENT, 0.0, 0.004),
@@ -179,7 +180,7 @@ def test_installation_file_sets_tcp_and_payload(tmp_path, element):
     assert installation.payload.mass == 1.5
 
 
-@pytest.mark.parametrize(
+@each_row(
     "content",
     [
         b"",

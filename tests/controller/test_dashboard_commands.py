@@ -11,6 +11,7 @@ import zipfile
 import pytest
 
 from emulator.commands import dashboard
+from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
 
@@ -127,7 +128,7 @@ E_SERIES = [
 ]
 
 
-@pytest.mark.parametrize(("line", "reply"), E_SERIES)
+@each_row(("line", "reply"), E_SERIES)
 def test_reply_on_an_e_series(make, line, reply):
     assert re.fullmatch(reply, make("ur5e").request(line))
 
@@ -149,7 +150,7 @@ GATES = [
 ]
 
 
-@pytest.mark.parametrize(("line", "without", "having"), GATES)
+@each_row(("line", "without", "having"), GATES)
 def test_version_gates(make, line, without, having):
     model = "ur3" if without.startswith("3") else "ur3e"
     refused = make(model, without).request(line)
@@ -180,7 +181,7 @@ def test_load_play_pause_stop(make, programs):
     assert rig.request("programState") == "STOPPED far.script"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "shown"),
     [
         ("sub/inner.script", "/programs/sub/inner.script"),
@@ -192,7 +193,7 @@ def test_programs_are_found_by_any_name_clients_use(make, programs, name, shown)
     assert make(programs_dir=programs).request(f"load {name}") == f"Loading program: {shown}"
 
 
-@pytest.mark.parametrize("name", ["../secret.script", "/etc/passwd", "sub", ""])
+@each_row("name", ["../secret.script", "/etc/passwd", "sub", ""])
 def test_nothing_outside_the_programs_directory_is_loaded(make, programs, name):
     (programs.parent / "secret.script").write_text(MOVE)
     assert make(programs_dir=programs).request(f"load {name}").startswith("File not found:")
@@ -270,7 +271,7 @@ def test_log_and_reports_are_real_files(make, programs):
     assert rig.request("generate support file ../..").startswith("Failed to generate support file:")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("seconds", "date"),
     [(0.0, "1970-01-01_00-00-00"), (951_782_399.0, "2000-02-28_23-59-59"), (951_782_400.0, "2000-02-29_00-00-00"),
      (1_735_689_599.5, "2024-12-31_23-59-59"), (4_107_542_400.0, "2100-03-01_00-00-00")],

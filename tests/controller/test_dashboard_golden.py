@@ -12,6 +12,7 @@ from emulator.commands import dashboard
 from emulator.commands.requests import DashboardLine
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
+from tests.rows import each_row
 from urproto.dashboard import COMMANDS, NOT_IN_REMOTE_CONTROL, not_understood
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -78,7 +79,7 @@ def programs(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize(("series", "situation", "line", "reply"), CASES)
+@each_row(("series", "situation", "line", "reply"), CASES)
 def test_every_row_in_the_first_and_in_the_newest_version(make, programs, series, situation, line, reply):
     command = entry(line)
     first = FIRST[series]
@@ -134,7 +135,7 @@ def before(version):
     return max(oldest, minor) if version > oldest else None
 
 
-@pytest.mark.parametrize("row", COMMANDS.values(), ids=lambda row: row.words)
+@each_row("row", COMMANDS.values(), ids=lambda row: row.words)
 def test_older_controllers_do_not_understand_newer_commands(make, row):
     for series, first in ((Series.CB3, row.available.cb3), (Series.E, row.available.e)):
         version = DEFAULT_VERSION[series] if first is None else before(first)

@@ -15,6 +15,7 @@ from emulator.robot.installation import Payload
 from emulator.world.file import WorldPlan
 from emulator.world.shapes import Plane, WorldObject
 from tests.budget import subset
+from tests.rows import each_row
 from urproto.modes import ControlMode
 from urproto.robots import MODELS
 from urproto.robots.dynamics import Dynamics
@@ -46,7 +47,7 @@ def peak_error_rad(rig, seconds):
 # at rest
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_at_rest_motors_and_static_friction_together_hold_gravity(make, name):
     rig = make(name, running=True, dynamic=True, initial_q=BENT)
     model = rig.controller.model
@@ -261,7 +262,7 @@ def test_friction_heats_the_moving_joint(make):
     assert warm[5] == pytest.approx(cool[5], abs=0.01)
 
 
-@pytest.mark.parametrize("name", ["ur3", "ur10e", "ur20"])
+@each_row("name", ["ur3", "ur10e", "ur20"])
 def test_a_sine_is_followed_with_a_bounded_lag(make, name):
     rig = make(name, running=True, dynamic=True, initial_q=(0.0, -1.5, 1.0, -1.2, -1.2, 0.0))
     rig.script(
@@ -438,7 +439,7 @@ def test_an_excessive_payload_pulls_the_arm_down_and_it_recovers(make):
     assert rig.now.actual_q == pytest.approx(BENT, abs=1e-3)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "payload", [Payload(-1.0), Payload(math.nan), Payload(1.0, (math.inf, 0, 0)), Payload(1.0, inertia=(-1.0,) * 6)]
 )
 def test_invalid_payloads_cannot_be_mounted(payload):

@@ -8,6 +8,7 @@ from emulator.config import ConfigError, check_encoder_speeds
 from emulator.controller import Controller
 from emulator.io.encoders import RANGES, DecoderType, Encoder, Encoders
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from tests.ticking import ticked
 from urproto.robots import load_model
 
@@ -50,9 +51,7 @@ def test_simultaneous_changes_of_both_inputs_have_no_direction():
     assert encoder.raw == 0
 
 
-@pytest.mark.parametrize(
-    ("decoder", "counted"), [(DecoderType.BOTH_EDGES, 5), (DecoderType.RISING, 3), (DecoderType.FALLING, 2)]
-)
+@each_row(("decoder", "counted"), [(DecoderType.BOTH_EDGES, 5), (DecoderType.RISING, 3), (DecoderType.FALLING, 2)])
 def test_single_input_decoders(decoder, counted):
     encoder = pulse_encoder(decoder, 0, 0)
     feed(encoder, [0, 1, 1, 0, 1, 0, 0, 1], 0, 1)
@@ -77,7 +76,7 @@ def test_the_count_survives_only_an_identical_setup():
     assert (encoder.raw, encoder.enabled) == (0, False)
 
 
-@pytest.mark.parametrize("speed", [100.0, 1234.5, -300.0, 40_000.0])
+@each_row("speed", [100.0, 1234.5, -300.0, 40_000.0])
 def test_a_simulated_conveyor_is_interpolated_without_lag(speed):
     encoder = pulse_encoder()
     encoder.simulated_speed = speed
@@ -115,7 +114,7 @@ def test_single_input_decoders_have_no_direction_and_others_count_nothing():
     assert idle.raw == 0
 
 
-@pytest.mark.parametrize("range_id", range(len(RANGES)))
+@each_row("range_id", range(len(RANGES)))
 def test_fed_counts_wrap_around_their_range(range_id):
     low, size = RANGES[range_id]
     encoder = Encoder(PERIOD)
@@ -161,7 +160,7 @@ def test_the_controller_counts_its_digital_inputs_and_publishes_raw_counts():
     assert (snapshot.encoder0_raw, snapshot.encoder1_raw) == (49, -50)
 
 
-@pytest.mark.parametrize("speed", [float("nan"), float("inf"), 50_000.0])
+@each_row("speed", [float("nan"), float("inf"), 50_000.0])
 def test_speeds_on_the_command_line_are_checked(speed):
     assert check_encoder_speeds(1.0, -2.0) == (1.0, -2.0)
     with pytest.raises(ConfigError, match="encoder 1"):

@@ -17,6 +17,7 @@ import pytest
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.robot.electrics import ROOM_C, Thermals
 from emulator.snapshot import Snapshot
+from tests.rows import each_row
 from urproto import facts
 from urproto.facts import Personality
 from urproto.modes import JointMode, RobotMode, RuntimeState, SafetyMode, SafetyStatus, ToolMode
@@ -308,7 +309,7 @@ ROWS = [(situation, name) for situation, rows in TABLE.items() for name in rows]
 seen = cache(lambda situation, make: situation(make))
 
 
-@pytest.mark.parametrize(("situation", "name"), ROWS, ids=[f"{s.__name__}-{name}" for s, name in ROWS])
+@each_row(("situation", "name"), ROWS, ids=[f"{s.__name__}-{name}" for s, name in ROWS])
 def test_field_follows_the_situation(situation: Situation, name: str, make: Make) -> None:
     before, after = (OUTPUT_FIELDS[name].read(snapshot) for snapshot in seen(situation, make))
     assert TABLE[situation][name](before, after), f"{before} became {after}"
@@ -320,7 +321,7 @@ def test_every_field_is_in_a_table() -> None:
     assert live | set(CONSTANT) == set(OUTPUT_FIELDS)
 
 
-@pytest.mark.parametrize("name", CONSTANT)
+@each_row("name", CONSTANT)
 def test_constant_fields_are_constant(name: str, make: Make) -> None:
     values = [OUTPUT_FIELDS[name].read(snapshot) for situation in TABLE for snapshot in seen(situation, make)]
     assert all(a == b for a, b in pairwise(values)), CONSTANT[name]

@@ -14,6 +14,7 @@ from emulator.devices.robotiq import TRANSITIONS, Event, Gripper, Phase
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from urproto.robotiq import MODELS, Fault, Get, ObjectStatus, RequestDecoder, Status
 from urproto.robots import load_model
 
@@ -183,8 +184,8 @@ def test_power_loss_resets_the_activation() -> None:
     assert [gripper.get(name) for name in ("STA", "POS", "ACT", "PCO", "DST")] == ["0", "100", "0", "0", "4"]
 
 
-@pytest.mark.parametrize("phase", Phase)
-@pytest.mark.parametrize("event", Event)
+@each_row("phase", Phase)
+@each_row("event", Event)
 def test_every_event_in_every_phase(phase: Phase, event: Event) -> None:
     after = TRANSITIONS.get((phase, event), phase)
     if event is Event.RESET:

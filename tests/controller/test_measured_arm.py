@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from emulator.robot.body import STEP_S, Body
+from tests.rows import each_row
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
 
@@ -133,7 +134,7 @@ def test_supply_values_match_a_real_arm(make):
     assert make("ur10", running=True).seconds(1.0).actual_main_voltage == 48.0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "joint", "manual_rad"),
     [("ur5", 0, 0.31), ("ur5", 1, 0.70), ("ur3", 0, 0.18)],
 )

@@ -4,11 +4,10 @@ The matrices below are written from the transition table of the reference notes,
 one column per event, a dot where nothing changes.
 """
 
-import pytest
-
 from emulator.lifecycle.power import POWER_TABLE, REPORTS, Power, PowerEvent, PowerState, PowerTimings
 from emulator.lifecycle.runstate import RUN_TABLE, RunEvent, is_running, next_run_state
 from emulator.lifecycle.safety import SAFETY_TABLE, Safety, SafetyEvent
+from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, SafetyStatus, SafetyStatusBits
 
 POWER = """
@@ -100,8 +99,8 @@ def test_run_table_is_complete():
     }
 
 
-@pytest.mark.parametrize("event", SafetyEvent)
-@pytest.mark.parametrize("mode", [SafetyMode[name] for name in SAFETY_LETTERS.values()])
+@each_row("event", SafetyEvent)
+@each_row("mode", [SafetyMode[name] for name in SAFETY_LETTERS.values()])
 def test_safety_table(mode, event):
     letter = {name: letter for letter, name in SAFETY_LETTERS.items()}[mode.name]
     after = matrix(SAFETY)[event.name, letter]
@@ -146,7 +145,7 @@ def test_brake_release_from_off_ends_in_running():
     assert seen.index(RobotMode.RUNNING) == 9  # 0.4 + 0.2 + 0.3 s
 
 
-@pytest.mark.parametrize("after_periods", range(7))
+@each_row("after_periods", range(7))
 def test_brake_release_during_power_on_is_remembered(after_periods):
     power = Power(TIMINGS)
     power.handle(PowerEvent.POWER_ON)
@@ -195,7 +194,7 @@ def test_a_second_protective_stop_does_not_restart_the_lock():
     assert safety.may_unlock_remotely
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("opened", "closed", "status"),
     [
         ("SAFEGUARD_OPEN", "SAFEGUARD_CLOSED", SafetyStatus.SAFEGUARD_STOP),
@@ -233,7 +232,7 @@ def test_recovery_mode_overrides_reduced_and_yields_to_every_stop():
     assert safety.mode is SafetyMode.REDUCED
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("mode", "bits"),
     [
         (SafetyMode.NORMAL, 1),

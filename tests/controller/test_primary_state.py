@@ -7,6 +7,7 @@ import pytest
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.motion.reach import dexterity
 from emulator.servers.primary_state import configuration_data, kinematics_info, robot_state
+from tests.rows import each_row
 from urproto.facts import Personality
 from urproto.modes import ControlMode, RobotMode, SafetyMode
 from urproto.primary.state import decode_robot_state, encode_robot_state
@@ -54,7 +55,7 @@ def test_the_state_survives_encoding_and_decoding(ready, full):
     assert len(data) < 4092  # the official client's buffer
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_configuration_data_of_every_model(name):
     model = load_model(name)
     configuration = configuration_data(model)
@@ -71,7 +72,7 @@ GOLDEN_DEXTERITY = [
 ]
 
 
-@pytest.mark.parametrize(("model", "name"), GOLDEN_DEXTERITY)
+@each_row(("model", "name"), GOLDEN_DEXTERITY)
 def test_dexterity_matches_recorded_states(model, name):
     lines = (GOLDEN / f"{name}.hex").read_text().splitlines()
     recorded = decode_robot_state(bytes.fromhex("".join(line for line in lines if not line.startswith("#")))[5:])

@@ -5,6 +5,7 @@ import pytest
 from emulator.commands.dashboard import COMMANDS, available_commands
 from emulator.commands.requests import DashboardLine, RefusedScript
 from emulator.config import ConfigError, check_enforced_remote_control
+from tests.rows import each_row
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL, not_understood
 from urproto.modes import RobotMode
 from urproto.primary.messages import ErrorCodeMessage
@@ -27,7 +28,7 @@ def request_restricted(rig, line):
     return answers[0]
 
 
-@pytest.mark.parametrize("words", sorted(REMOTE_ONLY))
+@each_row("words", sorted(REMOTE_ONLY))
 def test_commands_over_a_local_connection_are_refused_and_change_nothing(make, words):
     rig = make("ur5e", enforce_remote_control=True)
     assert request_restricted(rig, EXAMPLES[words]) == NOT_IN_REMOTE_CONTROL
@@ -47,7 +48,7 @@ def test_other_commands_are_answered_in_local_control(make):
             assert answer != not_understood(line)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("config", "local"),
     [
         ({}, False),

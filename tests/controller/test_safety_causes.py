@@ -9,6 +9,7 @@ from emulator.commands.safety import ArmSupply, Jog, SetSafetyDevice, SetSafetyI
 from emulator.safety.causes import Cause, Recovery
 from emulator.safety.signals import SafetyDevice
 from emulator.servers.primary_state import robot_state
+from tests.rows import each_row
 from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage, SafetyModeMessage, decode_robot_message
 from urproto.primary.state import decode_robot_state, encode_robot_state
@@ -207,7 +208,7 @@ def test_an_arm_outside_its_limits_recovers_by_being_moved_back(make, model):
     assert rig.now.actual_q[0] == pytest.approx(0.2, abs=1e-9)
 
 
-@pytest.mark.parametrize("cause", DEVICES)
+@each_row("cause", DEVICES)
 def test_lasting_conditions_cannot_be_tripped(make, cause):
     rig = make("ur5e", running=True)
     answers = []

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from emulator.config import ConfigError, read_safety
+from tests.rows import each_row
 from urproto.robots import MODELS, load_model
 from urproto.versions import Series
 from urscript.polyscope.installation_file import InstallationFile
@@ -102,7 +103,7 @@ def write(tmp_path):
     return write
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_every_arm_has_the_factory_limits_of_its_series(name):
     model = load_model(name)
     found = factory_configuration(model)
@@ -181,7 +182,7 @@ def test_the_checksum_follows_every_change(write):
     assert all(0 < number < 2**32 for number in sums)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "message"),
     [
         ("speed: 1", "unknown 'speed'; allowed are preset, normal"),
@@ -217,7 +218,7 @@ def test_errors_name_the_setting(write, text, message):
     assert "safety.yaml" in str(error.value)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("settings", "message"),
     [
         ("nothing", "is missing"),

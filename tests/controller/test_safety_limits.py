@@ -14,6 +14,7 @@ from emulator.safety.governor import TRANSITION_S, Governor, operational
 from emulator.safety.signals import SafetyDevice
 from emulator.safety.stop_monitor import StopMonitor
 from emulator.world.links import Links
+from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import START_Q, load_model
@@ -77,9 +78,7 @@ def test_without_a_configuration_only_joints_are_limited(make):
 # motion below the limits
 
 
-@pytest.mark.parametrize(
-    ("model", "reduced", "most"), [("ur5", False, 1.35), ("ur5e", False, 1.35), ("ur5e", True, 0.6)]
-)
+@each_row(("model", "reduced", "most"), [("ur5", False, 1.35), ("ur5e", False, 1.35), ("ur5e", True, 0.6)])
 def test_paths_stay_below_the_tool_speed_limit(make, model, reduced, most):
     rig = make(model, running=True, initial_q=STRETCHED, safety=safe(model))
     rig.tick()
@@ -352,7 +351,7 @@ def test_the_flange_does_not_clamp_the_lower_arm_on_e_series(make, model, expect
 # self-collision
 
 
-@pytest.mark.parametrize("model", ["ur3e", "ur5", "ur5e", "ur10e"])
+@each_row("model", ["ur3e", "ur5", "ur5e", "ur10e"])
 def test_ordinary_poses_are_free(model):
     links = Links(load_model(model))
     for q in (BENT, STRETCHED, START_Q):
@@ -408,7 +407,7 @@ def test_both_sets_of_limits_are_accepted_for_half_a_second_after_a_mode_change(
 WIDE = LimitSet(tcp_speed=99.0, force=99.0, power=99.0, momentum=999.0, elbow_speed=99.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "limit",
     [
         {"tcp_speed": 0.5},
@@ -441,7 +440,7 @@ def test_a_limit_smaller_than_its_margin_still_allows_some_motion():
 # stops
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("event", "category"),
     [
         (SafetyEvent.PROTECTIVE_STOP, StopCategory.CONTROLLED),
@@ -450,7 +449,7 @@ def test_a_limit_smaller_than_its_margin_still_allows_some_motion():
         (SafetyEvent.FAULT, StopCategory.POWER_REMOVED),
     ],
 )
-@pytest.mark.parametrize("model", ["ur5", "ur5e"])
+@each_row("model", ["ur5", "ur5e"])
 def test_stopping_distance_and_deceleration_of_each_stop(make, model, event, category):
     rig = started(make, model)
     rig.until(lambda s: tool_speed(s) > 1.3)
@@ -476,7 +475,7 @@ def test_stopping_distance_and_deceleration_of_each_stop(make, model, event, cat
     assert rig.now.robot_mode is (RobotMode.RUNNING if category is StopCategory.CONTROLLED else RobotMode.POWER_OFF)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("category", "mode", "hard", "too_slow"),
     [
         (StopCategory.CONTROLLED, SafetyMode.SAFEGUARD_STOP, True, True),

@@ -11,6 +11,7 @@ import pytest
 from emulator.commands.safety import SetSafetyDevice, TripSafety
 from emulator.safety.causes import Cause
 from emulator.safety.conditions import SafetyDevice
+from tests.rows import each_row
 from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import load_model
@@ -141,7 +142,7 @@ def shown(rig):
     return letters
 
 
-@pytest.mark.parametrize(("situation", "begin", "rows"), CASES, ids=[case[0] for case in CASES])
+@each_row(("situation", "begin", "rows"), CASES, ids=[case[0] for case in CASES])
 def test_rules(make, situation, begin, rows):
     """Events that change nothing follow each other on one robot; each of the others has its own."""
     rig = playing(make, *BEFORE[situation])
@@ -155,7 +156,7 @@ def test_rules(make, situation, begin, rows):
             assert shown(after(playing(make, *BEFORE[situation]), event)) == begin, event
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("events", "expected"),
     [
         # the safeguard resumes only what it has paused, and only if nothing else has happened to it
@@ -200,7 +201,7 @@ def test_sequences(make, events, expected):
     assert shown(playing(make, *events)) == expected
 
 
-@pytest.mark.parametrize("events", [["protective", "unlock"], ["violation", "restart safety"], ["safeguard on"]])
+@each_row("events", [["protective", "unlock"], ["violation", "restart safety"], ["safeguard on"]])
 def test_an_arm_without_power_is_not_supervised(make, events):
     """Outside its limits, it is in recovery mode only while it has power, and a stop that ends does not check them."""
     narrow = unwired(joint_max=(0.5, *unwired().normal.joint_max[1:]))
@@ -215,7 +216,7 @@ def test_an_arm_without_power_is_not_supervised(make, events):
     assert shown(after(rig, "power off")) == "Cos"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("cause", "joint", "argument", "at_fault"),
     [
         (Cause.JOINT_FAULT, None, 0, {0}),

@@ -9,6 +9,7 @@ from emulator.commands.safety import Jog, SetSafetyDevice, SetSafetyInput
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.signals import SafetyDevice
 from emulator.servers.primary_state import robot_state
+from tests.rows import each_row
 from urproto.modes import ControlMode, RobotMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import load_model
 from urproto.signals import CONFIGURABLE
@@ -187,8 +188,8 @@ def test_outputs_follow_the_state(make):
     assert high() == {"ROBOT_MOVING", "ROBOT_NOT_STOPPING", "REDUCED_MODE"}
 
 
-@pytest.mark.parametrize("speed", [0.3, -0.3])
-@pytest.mark.parametrize("joint", [0, 5])
+@each_row("speed", [0.3, -0.3])
+@each_row("joint", [0, 5])
 def test_the_robot_moving_output_is_low_for_either_direction_of_motion(make, joint, speed):
     rig = wired(make, outputs=OUTPUTS)
     speeds = [speed if index == joint else 0.0 for index in range(6)]

@@ -14,6 +14,7 @@ from emulator.safety.geometry import Boundaries
 from emulator.safety.signals import SafetyDevice
 from emulator.safety.supervision import Supervision
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.modes import RobotMode, SafetyMode
 from urproto.robots import load_model
 from urscript.polyscope.safety_configuration import BoundaryMode, Plane, ToolOrientation, factory_configuration
@@ -67,8 +68,8 @@ def periods_to_violation(model, arm, configuration=None, mode=SafetyMode.NORMAL,
     return None
 
 
-@pytest.mark.parametrize("model", PERIOD_S)
-@pytest.mark.parametrize("what", LIMITS)
+@each_row("model", PERIOD_S)
+@each_row("what", LIMITS)
 def test_exceeding_limit_and_tolerance_for_the_detection_time_is_a_violation(model, what):
     attribute, limit, tolerances, seconds, cause = LIMITS[what]
     tolerance = tolerances[model == "ur5e"]
@@ -97,7 +98,7 @@ def test_the_elbow_force_is_limited_on_e_series(model, expected):
     assert (found and found[1].cause) is expected
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("force", "speed", "watts"),
     [
         ((100.0, 0.0, 0.0), (1.0, 0.0, 0.0), 100.0),
@@ -117,8 +118,8 @@ def test_only_force_along_the_motion_counts_as_power(force, speed, watts):
     assert (found and found[1].cause) is (Cause.POWER_VIOLATION if watts else None)
 
 
-@pytest.mark.parametrize("what", ["tcp_speed", "elbow_speed"])
-@pytest.mark.parametrize("limit", [0.25, 3.0])
+@each_row("what", ["tcp_speed", "elbow_speed"])
+@each_row("limit", [0.25, 3.0])
 def test_the_quick_check_of_each_period_covers_slow_and_fast_limits(what, limit):
     configuration = factory_configuration(load_model("ur5e"))
     limits = replace(configuration.normal, tcp_speed=9.0, elbow_speed=9.0)

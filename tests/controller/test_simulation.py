@@ -8,6 +8,7 @@ from emulator.virtual import VirtualRobot
 from emulator.world.file import WorldPlan
 from emulator.world.shapes import Box, WorldObject
 from tests.controller.test_safety_limits import SERVO, STRETCHED, safe
+from tests.rows import each_row
 from urproto.controlapi import NotPossible
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.robots import START_Q, load_model
@@ -26,8 +27,8 @@ def play(rig, text=MOVE):
     return rig.until(lambda s: s.runtime_state is RuntimeState.STOPPED)
 
 
-@pytest.mark.parametrize("model", ["ur3", "ur5e"])
-@pytest.mark.parametrize("dynamic", [False, True])
+@each_row("model", ["ur3", "ur5e"])
+@each_row("dynamic", [False, True])
 def test_a_program_moves_the_simulated_arm_and_not_the_real_one(make, model, dynamic):
     rig = make(model, running=True, dynamic=dynamic)
     before = rig.tick(3).actual_q

@@ -10,11 +10,12 @@ import pytest
 from emulator.io.signals import Registers, Signals
 from emulator.robot.installation import Installation, Payload
 from emulator.snapshot import Snapshot
+from tests.rows import each_row
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
 
 
-@pytest.mark.parametrize("name", OUTPUT_FIELDS)
+@each_row("name", OUTPUT_FIELDS)
 def test_every_output_field_can_be_sent(name):
     field = OUTPUT_FIELDS[name]
     recipe = Recipe([field])
@@ -64,7 +65,7 @@ def changes(part: Any) -> Iterator[tuple[str, Callable[[], None]]]:
             yield name, partial(setattr, part, name, changed)
 
 
-@pytest.mark.parametrize("part", [Signals, Registers, Installation], ids=lambda part: part.__name__)
+@each_row("part", [Signals, Registers, Installation], ids=lambda part: part.__name__)
 def test_any_change_is_in_the_next_snapshot(part):
     """Writing only changed values gives the same snapshot as writing all values."""
     part = part()

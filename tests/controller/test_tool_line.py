@@ -7,6 +7,7 @@ from emulator.controller import Controller
 from emulator.devices.tool_line import AS_DELIVERED, EchoDevice, SerialSettings, ToolLine
 from emulator.machine import ControllerConfig
 from emulator.servers.primary_state import robot_state
+from tests.rows import each_row
 from tests.ticking import ticked
 from urproto.robots import load_model
 
@@ -29,7 +30,7 @@ def echoed(line: ToolLine, periods: int = 1, *, powered: bool = True) -> bytes:
     return got
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("settings", "expected"),
     [
         ({"baud_rate": 9600}, 960),

@@ -14,6 +14,7 @@ from client.controllers.joint_trajectory import Gains
 from client.controllers.parameters import Reading, read_parameters
 from client.controllers.running import ManagerOptions
 from client.errors import ControllerError
+from tests.rows import each_row
 from urproto.joints import JOINT_NAMES
 
 # the form that ur_robot_driver ships: substitutions, dots, keys only ROS has a use for
@@ -84,7 +85,7 @@ def test_a_controllers_file(tmp_path, key):
     assert [text.split(" ")[0] for text in reading.without_effect] == ["state_publish_rate", "action_monitor_rate"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "given", "reported"),
     [
         ("joint_trajectory_controller/JointTrajectoryController", {"state_publish_rate": 100.0}, []),
@@ -116,7 +117,7 @@ def test_values_of_the_official_files_are_not_reported(kind, given, reported):
     assert not reading.unknown
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("line", "notes"),
     [
         ("update_rate: $(var update_rate)", 0),
@@ -130,7 +131,7 @@ def test_lines_of_the_manager_that_change_nothing(tmp_path, line, notes):
     assert len(read_controllers(write(tmp_path, text)).notes) == notes
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("names", "chosen"),
     [
         (["joint_trajectory_controller", "scaled_joint_trajectory_controller"], "scaled_joint_trajectory_controller"),
@@ -151,7 +152,7 @@ def test_the_files_trajectory_controller_is_the_initial_one(names, chosen):
     assert ManagerOptions("robot", {}, file, controller="").initial_controller == ""
 
 
-@pytest.mark.parametrize("implied", ["position", "velocity", "effort"])
+@each_row("implied", ["position", "velocity", "effort"])
 def test_the_older_forward_controllers_imply_their_interface(implied):
     kind = configuration.find("a", f"{implied}_controllers/JointGroup{implied.capitalize()}Controller")
     given = {"joints": ("a_joint",), "interface_name": implied}
@@ -163,7 +164,7 @@ def test_the_older_forward_controllers_imply_their_interface(implied):
         kind("a", wrong, 500.0).on_configure()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "words"),
     [
         ("a: [", "not YAML"),
@@ -193,7 +194,7 @@ def test_parameters_that_contain_themselves():
         read_parameters(kind.parameters_type, endless, "x", Reading())
 
 
-@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 10**400, "1", True, None])
+@each_row("number", [math.nan, math.inf, -math.inf, 10**400, "1", True, None])
 def test_a_parameter_that_is_no_number_is_refused_by_name(number):
     with pytest.raises(ControllerError, match=r"x: p must be a (finite )?number, not"):
         read_parameters(Gains, {"p": number}, "x", Reading())
@@ -269,7 +270,7 @@ def test_the_example_is_read():
     goals.check_start(dict(zip(JOINT_NAMES, (0, -1.57, 0, -1.57, 0, 0), strict=True)))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "words"),
     [
         ("[0.785, -1.57]", "[0.785]", "pos1.positions has 1 numbers for 2 joints"),
@@ -306,6 +307,6 @@ def test_the_shell_lists_what_there_is(tmp_path):
     assert "hurry is not a controller" in broken.output
 
 
-@pytest.mark.parametrize("line", ["--positions 1,2", "--positions a,b,c,d,e,f", "--positions 1,2,3,4,5,6 --time 0"])
+@each_row("line", ["--positions 1,2", "--positions a,b,c,d,e,f", "--positions 1,2,3,4,5,6 --time 0"])
 def test_goals_that_the_shell_does_not_take(line):
     assert CliRunner().invoke(app, ["goal", *line.split()]).exit_code == 2

@@ -8,6 +8,7 @@ from controllers_rig import JOINTS, RATE_HZ, SCALING, Bench, point, started, tra
 from client.controllers.goals import ErrorCode, GoalStatus
 from client.controllers.joint_trajectory import Gains, Pid
 from client.errors import ControllerError, GoalRejectedError
+from tests.rows import each_row
 
 TOLERANCES = {
     "constraints": {
@@ -296,7 +297,7 @@ def test_from_the_desired_state_on_request():
         assert bench.joints.commands["elbow_joint/position"] == pytest.approx(there, abs=0.01)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("wrong", "code", "words"),
     [
         (trajectory(), ErrorCode.INVALID_GOAL, "no points"),
@@ -321,7 +322,7 @@ def test_what_is_not_taken(wrong, code, words):
     assert bench.until(going).error_code is ErrorCode.SUCCESSFUL  # nothing is lost
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "words"),
     [
         ({"command_interfaces": ["acceleration"]}, "command_interfaces is one of"),

@@ -14,6 +14,7 @@ from client.controllers.loop import ControlLoop
 from client.controllers.parameters import Reading, read_parameters
 from client.errors import ControllerError
 from client.rtde import ReceivedState
+from tests.rows import each_row
 from urproto.rtde.recipes import RecipeValues
 
 TRANSITIONS = sorted({transition for _, transition in LIFE_CYCLE})
@@ -40,8 +41,8 @@ def test_the_life_cycle():
     assert manager.list_controllers() == []
 
 
-@pytest.mark.parametrize("state", [LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE])
-@pytest.mark.parametrize("transition", TRANSITIONS)
+@each_row("state", [LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE])
+@each_row("transition", TRANSITIONS)
 def test_every_transition_in_every_state(state, transition):
     bench = Bench()
     manager = bench.manager

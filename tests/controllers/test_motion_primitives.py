@@ -8,6 +8,7 @@ from test_ur_hardware import PRIMITIVES, Arm
 
 from client.controllers.goals import ErrorCode, GoalStatus, MotionPrimitive, PrimitiveType
 from client.errors import ControllerError, GoalRejectedError, ProgramEndedError
+from tests.rows import each_row
 from urproto.external_control import MotionType, TrajectoryResult
 from urproto.modes import RuntimeState
 
@@ -137,7 +138,7 @@ async def test_a_robot_that_is_paused_begins_when_it_goes_on():
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("primitives", "words"),
     [
         ([], "no motion primitives"),

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from client.controllers.running import _check_type
+from tests.rows import each_row
 from urproto.errors import RobotRefused
 from urproto.robots import UnknownModelError, load_model
 
@@ -22,7 +23,7 @@ def control(name: str | None):
     return SimpleNamespace(driver=SimpleNamespace(link=SimpleNamespace(configuration=arm)))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("robot", "wanted"),
     [
         ("ur3", "ur3"),
@@ -39,7 +40,7 @@ def test_an_arm_of_the_type_is_accepted(robot, wanted):
     _check_type(control(robot), wanted)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("robot", "wanted", "words"),
     [
         ("ur5e", "ur5", "it is a UR5e, not a UR5"),

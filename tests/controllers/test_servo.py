@@ -10,6 +10,7 @@ from client.controllers.configuration import ControllersFile
 from client.controllers.manager import ControllerManager
 from client.controllers.servo import ACCELERATION_RAD_S2, Servo, ServoParameters, ServoScale, ServoStatus
 from client.errors import ClientError
+from tests.rows import each_row
 from urproto.joints import JOINT_NAMES
 from urproto.robots import kinematics_of, load_model
 from urproto.robots.pose import pose_sub
@@ -134,7 +135,7 @@ def test_the_robots_speed_scaling_counts():
     assert paths == pytest.approx([0.2 * PERIOD_S, 0.05 * PERIOD_S, 0.0])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("share", "status"),
     [(1.0, None), (0.5, ServoStatus.DECELERATE_FOR_COLLISION), (0.0, ServoStatus.HALT_FOR_COLLISION)],
 )
@@ -231,7 +232,7 @@ def test_it_ends_with_its_controller_and_begins_where_the_arm_is():
     assert np.allclose(path[:, 2], 1.2)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "message"),
     [
         ({"command_in_type": "metres"}, "choose unitless or speed_units"),

@@ -12,6 +12,7 @@ from controllers_rig import JOINTS, RATE_HZ, SCALING, Bench, point, started, tra
 from client.controllers.goals import ErrorCode, FollowJointTrajectory, GoalStatus, JointTrajectoryPoint, Tolerance
 from client.controllers.joint_trajectory import Gains, Pid
 from client.errors import ControllerError, GoalRejectedError
+from tests.rows import each_row
 
 CYCLE_S = 1.0 / RATE_HZ
 LIMITS = {"goal_time": 0.5, "stopped_velocity_tolerance": 0.2} | {
@@ -27,8 +28,8 @@ def displaced(bench, radians):
 
 
 # the controller's and the goal's tolerance, the error, and whether the goal survives
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(
+@each_row("sign", [1.0, -1.0])
+@each_row(
     ("own", "given", "error", "survives"),
     [
         (0.2, 0.0, 0.199, True),
@@ -60,7 +61,7 @@ def test_tolerances_along_the_path_and_at_the_goal(own, given, error, survives, 
     assert not survives or handle.status is GoalStatus.SUCCEEDED
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("tolerance", "words"),
     [
         ({"path_tolerance": {"elbow_joint": Tolerance(-0.5)}}, r"the path tolerance of elbow_joint is -0\.5"),
@@ -80,7 +81,7 @@ def test_invalid_tolerances_leave_the_goal_under_way(tolerance, words):
 
 
 # what is commanded, the tolerance of the speed along the path, the speed of a joint that should stand, the survival
-@pytest.mark.parametrize(
+@each_row(
     ("command", "tolerance", "speed", "survives"),
     [
         ("position", 0.1, 5.0, True),
@@ -100,7 +101,7 @@ def test_speeds_count_where_they_are_commanded(command, tolerance, speed, surviv
 
 
 # the controller's goal time, the goal's, and when a goal that is missed ends; it is due after 1 s
-@pytest.mark.parametrize(
+@each_row(
     ("own_s", "given_s", "ends_s"),
     [(0.5, 0.0, 1.5), (0.5, 0.2, 1.2), (0.2, 0.5, 1.5), (0.5, -1.0, None), (0.0, 0.0, None), (0.0, 0.2, 1.2)],
 )
@@ -130,8 +131,8 @@ PREEMPTED = "Current goal preempted by new incoming action."
 DEACTIVATED = "Current goal cancelled during deactivate transition."
 
 
-@pytest.mark.parametrize("braking", [False, True])
-@pytest.mark.parametrize(
+@each_row("braking", [False, True])
+@each_row(
     ("end", "status", "code", "text"),
     [
         ("send_goal", GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, PREEMPTED),
@@ -141,7 +142,7 @@ DEACTIVATED = "Current goal cancelled during deactivate transition."
         ("deactivate", GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED),
     ],
 )
-@pytest.mark.parametrize("begun", [True, False])
+@each_row("begun", [True, False])
 def test_how_a_goal_ends_that_is_not_reached(end, status, code, text, braking, begun):
     """Each goal ends once; then the arm follows what has replaced it, or stops."""
     bench, jtc = started(constraints=LIMITS | {"decelerate_on_cancel": braking})
@@ -202,7 +203,7 @@ def test_a_topics_trajectory_has_the_controllers_tolerances_and_not_those_of_the
 # speed scaling
 
 
-@pytest.mark.parametrize("scaling", [1.0, 0.5, 0.25])
+@each_row("scaling", [1.0, 0.5, 0.25])
 def test_a_replacement_continues_from_where_a_scaled_path_is(scaling):
     bench, scaled = started("scaled")
     bench.joints.states[SCALING] = scaling
@@ -219,7 +220,7 @@ def test_a_replacement_continues_from_where_a_scaled_path_is(scaling):
     assert places[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("factor", [0.0, 0.5, 1.0, 2.0])
+@each_row("factor", [0.0, 0.5, 1.0, 2.0])
 def test_a_scaling_that_is_set_applies_until_it_is_read(factor):
     bench, jtc = started()
     jtc.set_scaling(factor)
@@ -233,7 +234,7 @@ def test_a_scaling_that_is_set_applies_until_it_is_read(factor):
     assert scaled.scaling == 0.5
 
 
-@pytest.mark.parametrize("factor", [-0.1, math.inf, math.nan])
+@each_row("factor", [-0.1, math.inf, math.nan])
 def test_invalid_scaling(factor):
     _, jtc = started()
     with pytest.raises(ControllerError, match="0 or more"):
@@ -315,7 +316,7 @@ def test_feedback_counts_the_points_of_its_own_goal():
 # gains and interfaces
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("gains", "error", "rate", "command"),
     [
         (Gains(p=2.0), 0.3, 9.0, 0.6),
@@ -336,7 +337,7 @@ def test_gains(gains, error, rate, command):
     assert pid.command(error, rate, 0.1) == pytest.approx(command)
 
 
-@pytest.mark.parametrize(("p", "feedforward", "speed"), [(0.0, 1.0, 0.5), (0.0, 0.5, 0.25), (2.0, 0.0, 1.0)])
+@each_row(("p", "feedforward", "speed"), [(0.0, 1.0, 0.5), (0.0, 0.5, 0.25), (2.0, 0.0, 1.0)])
 def test_the_first_speed_that_is_commanded(p, feedforward, speed):
     """At 0.5 rad/s along a line, half a second after the start, of joints that have not moved."""
     gains = {joint: {"p": p, "ff_velocity_scale": feedforward} for joint in JOINTS}
@@ -364,7 +365,7 @@ def test_an_activation_holds_the_last_command_unless_told_to_hold_the_position()
         assert bench.joints.commands["shoulder_joint/position"] == pytest.approx(held)
 
 
-@pytest.mark.parametrize("kinds", [["velocity"], ["position", "effort"], []])
+@each_row("kinds", [["velocity"], ["position", "effort"], []])
 def test_state_interfaces_that_it_cannot_use(kinds):
     with pytest.raises(ControllerError, match="state_interfaces must include position"):
         Bench(state_interfaces=kinds).manager.activate("jtc")

@@ -13,6 +13,7 @@ from client.controllers.goals import ErrorCode, GoalStatus, JointTrajectory, Joi
 from client.controllers.manager import ControllerManager
 from client.controllers.ur_hardware import URHardware
 from client.errors import ControllerError, LateSetpointError, ProgramEndedError
+from tests.rows import each_row
 from urproto.external_control import SplineType, TrajectoryResult, to_words
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -124,7 +125,7 @@ def test_read_then_update_then_write():
     assert arm.driver.calls[-1] == ("idle",)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("first", "second", "words"),
     [
         (SCALED, "forward_velocity_controller", "position and velocity"),
@@ -154,7 +155,7 @@ def test_modes_that_exclude_each_other(first, second, words):
         arm.manager.activate(first, second)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "names",
     [
         ("passthrough_trajectory_controller", "force_mode_controller"),
@@ -211,7 +212,7 @@ def test_all_joints_or_none():
         arm.manager.activate("one")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "waiting",
     [
         {"safety_mode": SafetyMode.PROTECTIVE_STOP, "runtime_state": RuntimeState.PAUSED},
@@ -247,7 +248,7 @@ def test_a_robot_that_waits_freezes_the_trajectory_and_goes_on_gently(waiting):
     assert max(abs(b - a) for a, b in pairwise(places)) < 1.8 * PERIOD_S
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "words"),
     [
         ({"safety_mode": SafetyMode.ROBOT_EMERGENCY_STOP}, "ROBOT_EMERGENCY_STOP: clear the cause"),
@@ -360,7 +361,7 @@ def spline(q, qd=REST, qdd=(), time_s=1.0):
     return JointTrajectoryPoint(tuple(q), tuple(qd), tuple(qdd), time_from_start_s=time_s)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("ends", "status"),
     [
         (TrajectoryResult.SUCCESS, GoalStatus.SUCCEEDED),

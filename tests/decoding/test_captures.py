@@ -3,13 +3,13 @@
 import random
 import struct
 
-import pytest
 from decoding_rig import ACK, BEGIN_S, PSH, Conversation, Sent, ethernet, golden, ip_packet, pcap, pcapng, session
 from hypothesis import given
 from hypothesis import strategies as st
 
 from client.decoding.codecs import CODECS
 from client.decoding.session import InputForm
+from tests.rows import each_row
 from urproto import modbus
 from urproto.external_control import GREETING, ReverseMessage, TrajectoryResult
 from urproto.rtde import codec
@@ -53,9 +53,9 @@ def messages(lines: list[str]) -> list[str]:
     return [line.partition(": ")[2] for line in lines if " > " in line]
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("write", [pcap, pcapng])
-@pytest.mark.parametrize("chunk", [0, 1, 100])
+@each_row("order", ["<", ">"])
+@each_row("write", [pcap, pcapng])
+@each_row("chunk", [0, 1, 100])
 def test_a_conversation(write, order, chunk):
     packets = [ethernet(ip_packet(sent, 30004)) for sent in rtde_conversation().segments]
     lines, problems = session(write(packets, order=order), chunk)
@@ -81,7 +81,7 @@ LINKS = {
 }
 
 
-@pytest.mark.parametrize("name", LINKS)
+@each_row("name", LINKS)
 def test_link_layers(name):
     link, wrap = LINKS[name]
     packets = [wrap(ip_packet(sent, 30004)) for sent in rtde_conversation().segments]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from client.decoding.codecs import CODECS, Side
 from client.decoding.session import Choice, DecodingSession, InputForm
 from tests.budget import subset
+from tests.rows import each_row
 from urproto import modbus
 from urproto.external_control import (
     ControlMode,
@@ -61,13 +62,13 @@ RTDE_REPLIES = (
 RTDE_DATA = codec.OutputData(struct.pack(">di", 41.5, 7), 3).encode(2)
 
 
-@pytest.mark.parametrize("name", EVENTS)
-@pytest.mark.parametrize("chunk", [0, 1, 7])
+@each_row("name", EVENTS)
+@each_row("chunk", [0, 1, 7])
 def test_recorded_messages(name, chunk):
     assert decoded_lines(golden(name), chunk) == [PRIMARY, *EVENTS[name]]
 
 
-@pytest.mark.parametrize("name", STATES)
+@each_row("name", STATES)
 def test_recorded_states_are_one_line(name):
     lines = decoded_lines(golden(name))
     assert lines[0] == PRIMARY
@@ -116,7 +117,7 @@ def test_rtde_data_without_a_setup_stays_raw():
     assert decoded_lines(RTDE_DATA)[1:] == ["data: 13 bytes 034044c0000000000000000007 (the set-up was not seen)"]
 
 
-@pytest.mark.parametrize("chunk", [0, 1, 5])
+@each_row("chunk", [0, 1, 5])
 def test_garbage_is_reported_with_its_position_and_skipped(chunk):
     lines, problems = session(
         RTDE_REPLIES + b"\xff\xee\xdd\xcc" + RTDE_DATA + RTDE_DATA, chunk, codec=CODECS["rtde"], form=InputForm.RAW
@@ -149,7 +150,7 @@ def test_bytes_of_an_unknown_protocol():
     assert problems == 1
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("line", "name", "sender"),
     [
         (b"Connected: Universal Robots Dashboard Server\n", "dashboard", "robot"),

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from tests.rows import each_row
 
 COMPARE = Path(__file__).resolve().parents[2] / "benchmarks" / "compare.py"
 PAGE = """# Benchmarks
@@ -27,7 +27,7 @@ Medians.
 """
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new", "expected_lines"),
     [
         ("57,298", "57,000", []),

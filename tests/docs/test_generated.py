@@ -3,17 +3,16 @@
 import runpy
 from pathlib import Path
 
-import pytest
-
 from client.controllers.configuration import CONTROLLER_TYPES
 from client.pendant.screens import SCREENS
+from tests.rows import each_row
 from urproto.robots import MODELS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = runpy.run_path(str(ROOT / "docs" / "generate.py"))["pages"]()
 
 
-@pytest.mark.parametrize("page", PAGES)
+@each_row("page", PAGES)
 def test_generated_pages_match_the_code(page) -> None:
     written = ROOT / "docs" / "reference" / page
     assert written.read_text() == PAGES[page](), f"{written} is stale: run `make docs`"

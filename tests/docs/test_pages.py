@@ -21,6 +21,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.rows import each_row
 from urproto.compat import load_toml
 
 sys.path.insert(0, str(Path(__file__).parent))  # the helper next to this file; importlib mode does not add its folder
@@ -63,7 +64,7 @@ RUN = [page for page in PAGES if any(map(is_done, runs(page)))]
 OFTEN = {"README", "testing", "client", "journal", "checking", "script_tests", "explore", "debugging"}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@each_row("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_block_names_its_language(page: Path) -> None:
     assert not indented(page), f"{page.name}: code in lines {indented(page)} has no fence"
     assert page.read_text().count("\n```") + page.read_text().startswith("```") == 2 * len(blocks(page))

@@ -4,25 +4,27 @@ import ast
 import re
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 import pytest
 
+from tests.sources import ROOT, module_path, modules, nodes
+
 pytestmark = pytest.mark.xdist_group("architecture")  # each worker would have to read every module
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("urproto", "urscript", "emulator", "client")
 
 
-@cache
-def sources() -> list[tuple[Path, str]]:
-    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
-    return [(path, path.read_text(encoding="utf-8")) for path in paths]
+def all_nodes() -> Iterator[tuple[str, ast.AST]]:
+    """Every node of the code, and its module."""
+    return ((module, node) for module in modules() for node in nodes(module))
 
 
-def trees(pattern: "re.Pattern[str]") -> Iterator[tuple[Path, ast.Module]]:
-    """The modules in which something may occur, also in a text of several literals; to parse all of them takes long."""
-    across = re.compile(pattern.pattern.replace("\\ ", r"[\sfr\"']+"), pattern.flags)
-    return ((path, ast.parse(text)) for path, text in sources() if across.search(text))
+def client_nodes() -> Iterator[tuple[str, ast.AST]]:
+    """Those of the client library, without the pendant, which has words of its own."""
+    own = (module for module in modules() if re.match(r"client\b(?!\.pendant)", module))
+    return ((module, node) for module in own for node in nodes(module))
+
+
+def place(module: str, node: ast.AST) -> str:
+    return f"{module_path(module).relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"
 
 
 def phrases() -> list[str]:
@@ -42,49 +44,35 @@ def test_no_name_contains_a_listed_word() -> None:
     avoided = set(words())
     assert avoided == {"twin", "falsifier", "door", "trouble"}
     found = [
-        f"{where}: {name}: see docs/writing.md" for where, name in names("|".join(avoided)) if avoided & _parts(name)
+        f"{place(module, node)}: {name}: see docs/writing.md"
+        for module, node in all_nodes()
+        for field in ("name", "arg", "id", "attr")
+        if isinstance(name := getattr(node, field, None), str) and avoided & _parts(name)
     ]
     assert not found, "\n".join(found)
 
 
-def names(words: str) -> Iterator[tuple[str, str]]:
-    for path, tree in trees(re.compile(words, re.IGNORECASE)):
-        for node in ast.walk(tree):
-            for field in ("name", "arg", "id", "attr"):
-                if isinstance(name := getattr(node, field, None), str):
-                    yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}", name
-
-
+@cache
 def _parts(name: str) -> set[str]:
     return {part.lower().removesuffix("s") for part in re.findall(r"[A-Z]?[a-z]+", name)}
 
 
-def texts(wrong: "re.Pattern[str]") -> Iterator[tuple[str, str]]:
+def texts() -> Iterator[tuple[str, str]]:
     """The place of each text, and the text: pages, and every string of the code, including docstrings."""
     for page in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")):
         if page.name != "writing.md":
             yield page.name, page.read_text(encoding="utf-8")
-    for path, tree in trees(wrong):
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                yield f"{path.relative_to(ROOT)}:{node.lineno}", node.value
+    for module, node in all_nodes():
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield place(module, node), node.value
 
 
 def test_no_listed_phrase_is_used() -> None:
     avoided = phrases()
     assert len(avoided) > 7
     wrong = re.compile("|".join(map(re.escape, avoided)), re.IGNORECASE)
-    found = [
-        f"{where}: {match[0]!r}: see docs/writing.md" for where, text in texts(wrong) if (match := wrong.search(text))
-    ]
+    found = [f"{where}: {match[0]!r}: see docs/writing.md" for where, text in texts() if (match := wrong.search(text))]
     assert not found, "\n".join(found)
-
-
-def client_trees() -> Iterator[tuple[str, ast.Module]]:
-    """Modules of the client library with their places, without the pendant, which has words of its own."""
-    for path, text in sources():
-        if "client" in path.parts and "pendant" not in path.parts:
-            yield str(path.relative_to(ROOT)), ast.parse(text)
 
 
 def test_words_of_the_client_have_one_meaning() -> None:
@@ -93,20 +81,19 @@ def test_words_of_the_client_have_one_meaning() -> None:
     meanings = {name: {*re.findall(r"`(\w+)`", types), "None"} for name, types in rows}
     assert {"robot", "driver", "control", "host"} == meanings.keys()
     found = []
-    for where, tree in client_trees():
-        for node in (one for one in ast.walk(tree) if isinstance(one, ast.arg | ast.AnnAssign)):
+    for module, node in client_nodes():
+        if isinstance(node, ast.arg | ast.AnnAssign):
             name = getattr(node, "arg", None) or ast.unparse(getattr(node, "target", node))
             allowed = meanings.get(name.removeprefix("self.").removeprefix("_"))
             text = ast.unparse(annotation) if allowed and (annotation := getattr(node, "annotation", None)) else ""
             if text and not text.startswith("Annotated") and not {*re.findall(r"\w+", text)} <= allowed:
-                found.append(f"{where}:{node.lineno}: {name}: {text}: see docs/writing.md")
+                found.append(f"{place(module, node)}: {name}: {text}: see docs/writing.md")
     assert not found, "\n".join(found)
 
 
 def test_no_two_public_classes_of_the_client_have_one_name() -> None:
     places: dict[str, list[str]] = {}
-    for where, tree in client_trees():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                places.setdefault(node.name, []).append(f"{where}:{node.lineno}")
+    for module, node in client_nodes():
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            places.setdefault(node.name, []).append(place(module, node))
     assert not {name: where for name, where in places.items() if len(where) > 1}

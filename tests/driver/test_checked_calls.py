@@ -33,6 +33,7 @@ from client.driver import DriverConfig
 from client.errors import PlanningError, SceneError
 from client.primary import PrimaryCore
 from client.quantities import QUANTITIES, Quantity, check_of, checked_call
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError, URError
 from urproto.external_control import Query, to_words
 from urproto.text import quoted
@@ -171,7 +172,7 @@ def run(call: Callable[..., Any], args: list[Any], kwargs: dict[str, Any]) -> No
         asyncio.run(result)
 
 
-@pytest.mark.parametrize(("get", "signature", "parameter"), CHECKED)
+@each_row(("get", "signature", "parameter"), CHECKED)
 def test_bad_values_are_refused_before_anything_is_sent(get, signature, parameter):
     call, given = get(), [one for one in signature.parameters.values() if one.name not in IMPLICIT]
     for value in bad(parameter):
@@ -192,20 +193,20 @@ def test_bad_values_are_refused_before_anything_is_sent(get, signature, paramete
         assert str(refusal.value).endswith(f"not {quoted(culprit)}")  # and not another argument
 
 
-@pytest.mark.parametrize("moves", [5, None, ["abc"], [None], "abc", [points.movej([0.0] * 6), math.nan]])
-@pytest.mark.parametrize("call", [AsyncRobot(HOST).sequence, URDriver(HOST).execute, URDriver(HOST).stream])
+@each_row("moves", [5, None, ["abc"], [None], "abc", [points.movej([0.0] * 6), math.nan]])
+@each_row("call", [AsyncRobot(HOST).sequence, URDriver(HOST).execute, URDriver(HOST).stream])
 def test_a_trajectory_of_something_else_is_refused(call, moves):
     with pytest.raises(LocalProtocolError):
         asyncio.run(call(moves))
 
 
-@pytest.mark.parametrize("call", ["servoj", "servo_pose", "speedj", "speedl"])
+@each_row("call", ["servoj", "servo_pose", "speedj", "speedl"])
 def test_a_timeout_that_the_robot_does_not_keep_is_refused(call):
     with pytest.raises(LocalProtocolError, match=r"waits at most 0\.2 s for the next setpoint, not 0\.5"):
         getattr(URDriver(HOST), call)([0.0] * 6, 0.5)
 
 
-@pytest.mark.parametrize("names", [5, None, "timestamp", b"x", [5], math.nan])
+@each_row("names", [5, None, "timestamp", b"x", [5], math.nan])
 def test_recipes_of_something_else_are_refused(names):
     with pytest.raises(LocalProtocolError):
         RTDEClient(HOST, names)
@@ -235,13 +236,13 @@ def test_planning_of_something_else_is_refused():
             planning.Limits(limit, limit, limit)
 
 
-@pytest.mark.parametrize("frame", [5, None, "world", [0.0] * 5, [math.nan] * 6])
+@each_row("frame", [5, None, "world", [0.0] * 5, [math.nan] * 6])
 def test_a_frame_that_is_none_is_refused(frame):
     with pytest.raises(LocalProtocolError):
         asyncio.run(AsyncRobot(HOST).jog([0.0] * 6, frame=frame))
 
 
-@pytest.mark.parametrize("name", [one.name for one in fields(DriverConfig) if one.name in QUANTITIES])
+@each_row("name", [one.name for one in fields(DriverConfig) if one.name in QUANTITIES])
 def test_options_are_checked_as_well(name):
     for value in ("abc", math.nan, -1.0, [1.0]):
         with pytest.raises(LocalProtocolError):

@@ -4,6 +4,7 @@ import pytest
 
 from client.driver.control_program import ControlProgram, ToolCommunicationSettings
 from emulator.programs.compiling import LIBRARY_SET
+from tests.rows import each_row
 from urproto.errors import LocalProtocolError
 from urproto.versions import PolyscopeVersion
 from urscript.compiler import compile_script
@@ -26,7 +27,7 @@ def test_every_version_has_all_that_is_called(version):
     assert "{{" not in PROGRAM.render(PolyscopeVersion.parse(version))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "without", "with_it"),
     [
         ("optimovej", ["3.15.8", "5.20", "10.7"], ["5.21", "10.8"]),
@@ -57,9 +58,7 @@ def test_the_urcap_finds_its_anchors():
     assert places[0] == 0
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"servoj_gain": 50}, {"servoj_lookahead_s": 1.0}, {"host": 'x", 1)\nhalt'}, {"host": ""}]
-)
+@each_row("wrong", [{"servoj_gain": 50}, {"servoj_lookahead_s": 1.0}, {"host": 'x", 1)\nhalt'}, {"host": ""}])
 def test_wrong_options(wrong):
     with pytest.raises(LocalProtocolError):
         ControlProgram(**({"host": "10.0.0.1"} | wrong))

@@ -11,6 +11,7 @@ from driver_rig import PATIENCE_S
 from client.driver import ReverseEndpoint, ScriptCommandEndpoint, ScriptSender, TrajectoryEndpoint, points
 from client.driver.reverse import read_timeout_ms
 from client.errors import NoAnswerError, ProgramEndedError, ProgramNotRunningError
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError
 from urproto.external_control import (
@@ -85,7 +86,7 @@ async def test_setpoints_as_the_robot_reads_them():
         await reverse.wait_disconnected()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("mode", "timeout_s", "sent_ms"),
     [
         (ControlMode.SERVOJ, 0.02, 20),
@@ -103,7 +104,7 @@ def test_timeouts_are_kept_within_what_is_safe(mode, timeout_s, sent_ms):
     assert read_timeout_ms(mode, timeout_s, 0.008) == sent_ms
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("mode", "wrong"),
     [
         (ControlMode.IDLE, -1.0),
@@ -156,7 +157,7 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize("data", SAID)
+@each_row("data", SAID)
 async def test_no_other_client_takes_the_place_of_a_robot(data):
     """Or that of no robot: who knows no token waits, or is sent away."""
     async with ReverseEndpoint(0, HOST) as reverse:

@@ -20,6 +20,7 @@ from client.driver.control_program import GONE_TEXT, LATE_TEXT
 from client.driver.keep_alive import KeepAliveThread
 from client.driver.program import ProgramSupervisor
 from client.errors import LateSetpointError, ProgramNotRunningError, ScriptFailedError
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.external_control import ControlMode
@@ -143,7 +144,7 @@ async def connected(program: ProgramSupervisor, link: Link) -> None:
     await until(lambda: all(getattr(program, name).connected for name in ENDS))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("states", "running"),
     [
         ([], True),  # the robot's state may be older than the connection
@@ -174,7 +175,7 @@ async def test_a_program_runs_from_its_connection_to_its_end_by_the_robots_state
 MOVABLE = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 
 
-@pytest.mark.parametrize("safety", SafetyMode)
+@each_row("safety", SafetyMode)
 async def test_a_program_is_started_only_if_the_arm_can_move(safety: SafetyMode) -> None:
     async with opened() as (program, link):
         link.safety_mode = safety
@@ -204,7 +205,7 @@ async def test_a_program_that_runs_is_ended_before_the_next_one_starts() -> None
         await stopping
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("named", "loaded", "sent"),
     [
         ("moves.urp", None, ["clear", "load moves.urp", "play"]),
@@ -235,7 +236,7 @@ async def test_a_program_that_does_not_connect(headless: bool, hint: str) -> Non
             await program.start()
 
 
-@pytest.mark.parametrize("lost", ENDS)
+@each_row("lost", ENDS)
 async def test_with_one_connection_the_others_end(lost: str) -> None:
     async with opened() as (program, link):
         await connected(program, link)
@@ -246,7 +247,7 @@ async def test_with_one_connection_the_others_end(lost: str) -> None:
             assert await link.has_been_ended("commands")
 
 
-@pytest.mark.parametrize("missing", [*ENDS[:2], None])
+@each_row("missing", [*ENDS[:2], None])
 async def test_each_connection_is_expected_within_half_a_second(missing: str | None) -> None:
     async with opened() as (program, link):
         await link.connect("reverse")
@@ -269,8 +270,8 @@ async def test_a_robot_that_falls_silent_is_disconnected() -> None:
         await until(lambda: not program.running)
 
 
-@pytest.mark.parametrize("standstill", ["", "this machine was asleep"])
-@pytest.mark.parametrize(
+@each_row("standstill", ["", "this machine was asleep"])
+@each_row(
     ("options", "text", "restarts", "losses"),
     [
         ({}, GONE_TEXT, True, 1),
@@ -314,7 +315,7 @@ async def test_a_program_that_has_lost_its_driver(
 # a control program without a token: admitted while a program plays that is not this driver's
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("state", "played_s", "names", "admitted"),
     [
         (PLAYING, 0.3, ENDS, True),

@@ -20,6 +20,7 @@ from emulator.explore.search import Runner, explored
 from emulator.journal.replay import Replay
 from emulator.services.sockets import MemorySockets
 from emulator.snapshot import Snapshot
+from tests.rows import each_row
 from urproto.modes import SafetyMode
 
 # It grips whatever passes: the edge is lost if it falls into the time of the movement.
@@ -162,7 +163,7 @@ end
 """
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("choice", "values", "answer"),
     [
         ({"peer": "h:1", "late": 1}, {"late": 1}, True),
@@ -190,7 +191,7 @@ def test_an_explanation_is_empty_if_nothing_is_broken(plan_file, tmp_path):
 # the parts of a plan
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "message"),
     [
         ({"lasts": 0}, "lasts is a time"),
@@ -246,7 +247,7 @@ def test_domains():
     assert list(domain_of("0.5..2").simpler(0.5)) == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("entry", "values", "broken", "margin"),
     [
         ({"always": "timestamp < 3"}, [1, 2, 2.5], False, 0.5),

@@ -11,6 +11,7 @@ from types import MappingProxyType
 import pytest
 from observe import observe
 
+from tests.rows import each_row
 from urproto.facts import Fact, Personality, Situation, known, ledger, releases, tables
 from urproto.versions import PolyscopeVersion
 
@@ -27,7 +28,7 @@ def situation_of(row: list[str]) -> Situation:
     return Situation(PolyscopeVersion.parse(version), model, Personality(personality))
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: " ".join(row[:5]))
+@each_row("row", ROWS, ids=lambda row: " ".join(row[:5]))
 def test_clients_see_what_they_saw(row: list[str]) -> None:
     *_, name, value, _ = row
     assert observe(name, situation_of(row)) == value

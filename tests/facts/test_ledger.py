@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from tests.rows import each_row
 from urproto import facts
 from urproto.facts import Certainty, Personality, Situation, UnknownFactError, find, ledger, parse_scope, release_of
 from urproto.facts.tables import TABLES
@@ -18,7 +19,7 @@ def at(version: str, model: str = "ur5e", personality: Personality = Personality
     return Situation(V(version), model, personality)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("scope", "holds", "does_not"),
     [
         ("all", at("3.0", "ur5"), None),
@@ -39,7 +40,7 @@ def test_scopes(scope: str, holds: Situation, does_not: Situation | None) -> Non
     assert does_not is None or not parse_scope(scope).covers(does_not)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("scope", "problem"),
     [("cb4", "'cb4' is neither"), (">=3.3", "needs its line"), ("cb3;", "is empty"), ("e => 5.0", "'=>' is neither")],
 )
@@ -106,7 +107,7 @@ def test_a_release_without_a_row_gets_the_build_of_the_nearest_one() -> None:
     assert all(release_of(V(text)).version.build for text in ("3.3", "3.8", "3.15.9", "5.0", "5.26.1", "10.7", "10.13"))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "shown"), [("3.0", "3.0.15547"), ("3.2", "3.2.18654"), ("3.2.20175", "3.2.20175"), ("3.2.1", "3.2.1")]
 )
 def test_before_3_3_the_third_number_is_the_build(text: str, shown: str) -> None:

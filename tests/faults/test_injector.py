@@ -13,6 +13,7 @@ from emulator.faults.fault import KINDS, FaultError
 from emulator.faults.network import DropConnection
 from emulator.machine import ControllerConfig
 from emulator.virtual import VirtualRobot
+from tests.rows import each_row
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import START_Q, load_model
 
@@ -68,7 +69,7 @@ def test_the_times_at_which_a_fault_is_active(
     assert len(seen) == round((seen[-1] - seen[0]) / 0.008) + 1
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "arguments", "complaint"),
     [
         ("explosion", {}, "unknown fault 'explosion': choose one of drop_connection"),

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 import pytest
 from fault_rig import HOST, Client, Robot
 
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.controlapi import NotPossible
 
@@ -280,7 +281,7 @@ async def test_faults_of_one_port_do_not_disturb_each_other(ur3: Robot) -> None:
     assert len(client.received) == 100 * REALTIME
 
 
-@pytest.mark.parametrize(("model", "port"), [("ur3", "tool line"), ("ur3", "interpreters"), ("ur5e", "tool line")])
+@each_row(("model", "port"), [("ur3", "tool line"), ("ur3", "interpreters"), ("ur5e", "tool line")])
 async def test_an_unknown_port_is_refused(model: str, port: str) -> None:
     async with Robot(model) as robot:
         with pytest.raises(NotPossible, match=f"no port '{port}': choose from modbus"):

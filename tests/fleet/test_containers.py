@@ -13,6 +13,7 @@ import yaml
 from emulator.cli import app
 from emulator.options import ROBOT_OPTIONS, configure
 from emulator.ports import PORTS
+from tests.rows import each_row
 from urproto.compat import load_toml
 from urproto.ports import PENDANT_PORT
 
@@ -91,7 +92,7 @@ def test_copied_files_exist_and_are_in_the_build_context() -> None:
         assert any(fnmatch.fnmatch(source, pattern) for pattern in let_in), f"{source} is kept from the build"
 
 
-@pytest.mark.parametrize("where", COMMANDS)
+@each_row("where", COMMANDS)
 def test_commands_parse(where) -> None:
     words = [re.sub(r"\$\{\w+:-(\w+)\}", r"\1", word) for word in COMMANDS[where]()]
     context = typer.main.get_command(app).make_context("ur-emulator", list(words))

@@ -8,6 +8,7 @@ from emulator.fleet.command import app
 from emulator.fleet.plan import FleetFile, place
 from emulator.fleet.supervisor import share_out
 from emulator.options import ROBOT_OPTIONS, configure
+from tests.rows import each_row
 
 
 def plan(path, text: str):
@@ -43,7 +44,7 @@ def test_every_robot_option_is_accepted_in_a_file(tmp_path) -> None:
     assert second.wanted_ports["rtde"] == 30011
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "problem"),
     [
         ("robots: [{model: ur4}]", "robot 1, 127.0.0.1: unknown robot model 'ur4'"),
@@ -77,7 +78,7 @@ def test_errors_in_a_file_are_one_clear_line(tmp_path, text: str, problem: str) 
     assert result.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "problem"),
     [
         (["--model", "ur4"], "robot 1, 127.0.0.1: unknown robot model 'ur4'"),
@@ -94,9 +95,7 @@ def test_errors_on_the_command_line_are_one_clear_line(arguments: list[str], pro
     assert result.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    "option", [["--host", "127.0.0.2"], ["--count", "0"], ["--processes", "0"], ["--count", "251"]]
-)
+@each_row("option", [["--host", "127.0.0.2"], ["--count", "0"], ["--processes", "0"], ["--count", "251"]])
 def test_unsupported_options(option: list[str]) -> None:
     assert CliRunner().invoke(app, option).exit_code == 2
 

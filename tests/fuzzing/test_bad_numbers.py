@@ -23,6 +23,7 @@ from emulator.config import ConfigError, read_calibration, read_initial_position
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from tests.budget import subset
+from tests.rows import each_row
 from urproto.external_control import from_words, to_words
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -252,7 +253,7 @@ def test_a_bad_number_is_refused_by_name_or_harmless(name: str, tmp_path: Path) 
     assert refused > 40
 
 
-@pytest.mark.parametrize("name", READERS)
+@each_row("name", READERS)
 def test_a_file_of_a_million_numbers_is_refused_quickly(name: str, tmp_path: Path) -> None:
     path = tmp_path / "settings.yaml"
     path.write_text("a: [" + "1, " * 1_000_000 + "]\n")
@@ -266,7 +267,7 @@ INSTALLATION: Final = (
 )
 
 
-@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e308", "1e999", "-1", "", "one", "1_0", "1" * 10_000])
+@each_row("number", ["nan", "inf", "-inf", "1e308", "1e999", "-1", "", "one", "1_0", "1" * 10_000])
 def test_an_installation_with_a_bad_number_is_refused_or_finite(number: str) -> None:
     for place in range(4):
         numbers = ["0", "1", "0,0,9.82", "0"]

@@ -1,11 +1,12 @@
 """Inputs kept by the fuzzer are read again; none of them may fail."""
 
-import pytest
 from fuzz import kept
 from targets import TARGETS
 
+from tests.rows import each_row
 
-@pytest.mark.parametrize("name", TARGETS)
+
+@each_row("name", TARGETS)
 def test_corpus(name: str) -> None:
     target = TARGETS[name]
     for data in [*target.seeds(), *kept(name)]:

@@ -5,12 +5,13 @@ import pytest
 
 from client.errors import OutOfReachError
 from client.identification.excitation import ExcitationBounds, excitation
+from tests.rows import each_row
 from urproto.robots import MODELS, kinematics_of, load_model
 
 START = (0.0, -1.2, 1.0, -1.2, -1.57, 0.0)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_every_joint_moves_both_ways_within_the_bounds(name):
     model, bounds = load_model(name), ExcitationBounds(0.4, 0.6, 2.0, 0.1)
     path = excitation(model, START, 30.0, bounds)

@@ -13,6 +13,7 @@ from client.identification.identify import identify
 from client.recording import Recording
 from emulator.config import ConfigError, controller_config
 from tests.identification.conftest import ARM, DRIVES, MODEL, recorded, saved, without
+from tests.rows import each_row
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.measured import drivetrain_of
 
@@ -133,7 +134,7 @@ def test_an_arm_file_applies_to_one_model(tmp_path):
         controller_config("ur5e", arm=file)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("changes", "message"),
     [
         ({"rotor_kg_m2": [1, 2, 3]}, "rotor_kg_m2 must be a list of length 6, not 3"),

@@ -17,6 +17,7 @@ from emulator.machine import ControllerConfig
 from emulator.options import configure
 from emulator.services.sockets import MemorySockets
 from emulator.virtual import VirtualRobot, virtual_robot
+from tests.rows import each_row
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 
@@ -217,7 +218,7 @@ def test_errors_and_the_end_of_a_branch():
         other.step()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "message"),
     [
         (lambda document: document | {"journal": "?"}, "journal is damaged"),

@@ -42,6 +42,7 @@ from emulator.servers.port import ServedController
 from emulator.services.modbus import MemoryModbus, MemoryUnit, ModbusUnit
 from emulator.services.sockets import MemorySockets
 from emulator.world.shapes import Box, Frame, Push, Sphere, WorldObject
+from tests.rows import each_row
 from urproto.robotiq import RequestDecoder
 from urscript.polyscope.safety_configuration import SafetyInput
 
@@ -184,7 +185,7 @@ def test_interpreter_mode():
     run.is_repeated()
 
 
-@pytest.mark.parametrize(
+@each_row(
     "fault",
     [
         {"kind": "encoder_jump", "joint": 2, "by_rad": 0.01},
@@ -291,7 +292,7 @@ OUTSIDE = [
 ]
 
 
-@pytest.mark.parametrize(("file", "part"), OUTSIDE, ids=lambda value: getattr(value, "name", None))
+@each_row(("file", "part"), OUTSIDE, ids=lambda value: getattr(value, "name", None))
 def test_what_is_outside_of_the_controller_has_no_other_doors(file, part):
     used = {".".join(chain[:3]) for chain in chains(file.read_text())}
     assert {name for name in used if not name.startswith("snapshot.")} <= READ | PARTS[part]

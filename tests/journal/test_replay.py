@@ -25,6 +25,7 @@ from emulator.journal.ring import Ring
 from emulator.journal.stops import StopJournals
 from emulator.options import configure
 from emulator.virtual import virtual_robot
+from tests.rows import each_row
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import RuntimeState
 
@@ -91,7 +92,7 @@ def act(run, chance):
     robot.step(chance.randrange(1, 120))
 
 
-@pytest.mark.parametrize("seed", range(SESSIONS))
+@each_row("seed", range(SESSIONS))
 def test_random_sessions(seed):
     chance = Random(f"session {seed}")
     model, arm = chance.choice(("ur3", "ur5e", "ur10e")), chance.choice(("ideal", "dynamic"))
@@ -201,7 +202,7 @@ def with_record(*content):
     return lambda records: [records[0], [0, *content]]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "message"),
     [
         (lambda records: records[1:], "no beginning"),

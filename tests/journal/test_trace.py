@@ -5,19 +5,20 @@ import json
 import math
 import re
 import struct
-import subprocess
-import sys
 import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from journal_rig import Recorded
+from typer.testing import CliRunner
 
 from client.recording.files import Recorder
+from emulator.cli import app
 from emulator.commands.requests import DashboardLine, RTDEInputs
 from emulator.journal.trace import trace_of
 from emulator.services.sockets import MemorySockets
+from tests.rows import each_row
 from urproto.trace.model import Trace, TraceError
 from urproto.trace.page import packed, run_in, write_page
 
@@ -187,7 +188,7 @@ FAILURES = {
 }
 
 
-@pytest.mark.parametrize("name", FAILURES)
+@each_row("name", FAILURES)
 def test_a_trace_shows_the_cause_of(name, tmp_path):
     failure = FAILURES[name]
     run = Recorded(prepare=failure.prepare)
@@ -289,12 +290,11 @@ def test_a_recording_of_another_arm(tmp_path):
     assert columns["actual_q"][0][-1] == pytest.approx(run.robot.controller.snapshot.actual_q[0], abs=0.002)
 
 
-def called(*words, module="emulator"):
+def called(*words):
     """Exit status and output of a command, which must be one line."""
-    done = subprocess.run([sys.executable, "-m", module, *map(str, words)], capture_output=True, text=True)
-    output = done.stdout + done.stderr
-    assert output.count("\n") == 1, output
-    return done.returncode, output.strip()
+    done = CliRunner().invoke(app, list(map(str, words)))
+    assert done.output.count("\n") == 1, done.output
+    return done.exit_code, done.output.strip()
 
 
 def test_a_page_without_its_library_says_what_to_install(tmp_path, monkeypatch):
@@ -311,7 +311,7 @@ def damaged_journal(path):
     path.write_bytes(data)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "write", "message"),
     [
         ("gone.journal", lambda path: None, "No such file or directory"),

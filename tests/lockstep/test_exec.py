@@ -25,78 +25,67 @@ def run(*command: str, options: tuple[str, ...] = ("--without-robot",)) -> "subp
     return subprocess.run(whole, capture_output=True, text=True, timeout=LIMIT_S, check=False)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "program"),
-    [
-        pytest.param(86_400, "time.sleep(86400)", id="sleep"),
-        pytest.param(3600, "asyncio.run(asyncio.sleep(3600))", id="event loop"),
-        pytest.param(600, "select.select([], [], [], 600)", id="select"),
-        pytest.param(500, "threading.Event().wait(500)", id="lock"),
-        pytest.param(
-            700,
-            "threads = [threading.Thread(target=time.sleep, args=(s,)) for s in (300, 700)]\n"
-            "[t.start() for t in threads]\n[t.join() for t in threads]",
-            id="threads",
-        ),
-        pytest.param(
-            30, "a, b = socket.socketpair()\na.settimeout(30)\ntry: a.recv(1)\nexcept TimeoutError: pass", id="socket"
-        ),
-        pytest.param(
-            20, "subprocess.run([sys.executable, '-c', 'import time; time.sleep(20)'], check=True)", id="child"
-        ),
-        pytest.param(40, "subprocess.run('sleep 30 & sleep 40; wait', shell=True, check=True)", id="shell"),
-        pytest.param(
-            20,
-            "assert {subprocess.run(['sh', '-c', 'kill -9 $$']).returncode for _ in range(200)} == {-9}\n"
-            "time.sleep(20)",
-            id="killed",
-        ),
-        pytest.param(
-            10,
-            "sleeper = threading.Thread(target=time.sleep, args=(10,))\nsleeper.start()\n"
-            "for _ in range(20):\n"
-            "    child = subprocess.Popen([sys.executable, '-c', 'print(flush=True); import time; time.sleep(1e6)'],\n"
-            "                             stdout=subprocess.PIPE)\n"
-            "    child.stdout.readline()\n    child.kill()\n    child.wait()\n    child.stdout.close()\n"
-            "assert time.monotonic() < began + 1\nsleeper.join()",
-            id="kills",
-        ),
-        pytest.param(5, "while time.monotonic() < began + 5: pass", id="looks at the clock only"),
-        pytest.param(
-            9,
-            "threading.Thread(target=time.sleep, args=(9,)).start()\n"
-            "while threading.active_count() > 1: time.sleep(0.001)",
-            id="polls",
-        ),
-        pytest.param(
-            10_000.4,
-            "def locked():\n"
-            "    files = [open(sys.executable) for _ in range(2)]\n"
-            "    fcntl.flock(files[0], fcntl.LOCK_SH)\n"
-            "    other = threading.Thread(target=fcntl.flock, args=(files[1], fcntl.LOCK_EX))\n"
-            "    other.start()\n"
-            "    time.sleep(0.2)\n"
-            "    files[0].close()\n"
-            "    other.join()\n"
-            "locked()\ntime.sleep(10_000)\nlocked()",
-            id="waits in an unknown way, twice",
-        ),
-        pytest.param(
-            0.05,
-            "server = socket.create_server(('127.0.0.1', 0))\n"
-            "peer = socket.create_connection(server.getsockname())\n"
-            "threading.Timer(0.05, peer.shutdown, (socket.SHUT_RDWR,)).start()\n"
-            "try:\n    while True: peer.send(b'x')\nexcept OSError: pass",
-            id="only sends",
-        ),
-    ],
-)
-def test_time_passes_only_while_all_wait(program: str, seconds: float) -> None:
-    imports = "import asyncio, fcntl, select, socket, subprocess, sys, threading, time"
-    text = f"{imports}\nbegan = time.monotonic()\n{program}\nprint(time.monotonic() - began)"
+PROGRAMS = {  # name: seconds that pass in it, and its text
+    "sleep": (86_400, "time.sleep(86400)"),
+    "event loop": (3600, "asyncio.run(asyncio.sleep(3600))"),
+    "select": (600, "select.select([], [], [], 600)"),
+    "lock": (500, "threading.Event().wait(500)"),
+    "threads": (
+        700,
+        "threads = [threading.Thread(target=time.sleep, args=(s,)) for s in (300, 700)]\n"
+        "[t.start() for t in threads]\n[t.join() for t in threads]",
+    ),
+    "socket": (30, "a, b = socket.socketpair()\na.settimeout(30)\ntry: a.recv(1)\nexcept TimeoutError: pass"),
+    "child": (20, "subprocess.run([sys.executable, '-c', 'import time; time.sleep(20)'], check=True)"),
+    "shell": (40, "subprocess.run('sleep 30 & sleep 40; wait', shell=True, check=True)"),
+    "killed": (
+        20,
+        "assert {subprocess.run(['sh', '-c', 'kill -9 $$']).returncode for _ in range(200)} == {-9}\ntime.sleep(20)",
+    ),
+    "kills": (
+        10,
+        "sleeper = threading.Thread(target=time.sleep, args=(10,))\nsleeper.start()\n"
+        "for _ in range(20):\n"
+        "    child = subprocess.Popen([sys.executable, '-c', 'print(flush=True); import time; time.sleep(1e6)'],\n"
+        "                             stdout=subprocess.PIPE)\n"
+        "    child.stdout.readline()\n    child.kill()\n    child.wait()\n    child.stdout.close()\n"
+        "assert time.monotonic() < began + 1\nsleeper.join()",
+    ),
+    "looks at the clock only": (5, "while time.monotonic() < began + 5: pass"),
+    "polls": (
+        9,
+        "threading.Thread(target=time.sleep, args=(9,)).start()\nwhile threading.active_count() > 1: time.sleep(0.001)",
+    ),
+    "waits in an unknown way, twice": (
+        10_000.4,
+        "def locked():\n"
+        "    files = [open(sys.executable) for _ in range(2)]\n"
+        "    fcntl.flock(files[0], fcntl.LOCK_SH)\n"
+        "    other = threading.Thread(target=fcntl.flock, args=(files[1], fcntl.LOCK_EX))\n"
+        "    other.start()\n"
+        "    time.sleep(0.2)\n"
+        "    files[0].close()\n"
+        "    other.join()\n"
+        "locked()\ntime.sleep(10_000)\nlocked()",
+    ),
+    "only sends": (
+        0.05,
+        "server = socket.create_server(('127.0.0.1', 0))\n"
+        "peer = socket.create_connection(server.getsockname())\n"
+        "threading.Timer(0.05, peer.shutdown, (socket.SHUT_RDWR,)).start()\n"
+        "try:\n    while True: peer.send(b'x')\nexcept OSError: pass",
+    ),
+}
+
+
+def test_time_passes_only_while_all_wait() -> None:
+    text = "import asyncio, fcntl, select, socket, subprocess, sys, threading, time\n"
+    for name, (_, program) in PROGRAMS.items():
+        text += f"began = time.monotonic()\n{program}\nprint({name!r}, time.monotonic() - began, sep=': ')\n"
     done = run(sys.executable, "-c", text)
     assert done.returncode == 0, done.stderr
-    assert float(done.stdout) == pytest.approx(seconds, rel=0.003, abs=0.02)
+    measured = {name: float(took) for name, took in (line.split(": ") for line in done.stdout.splitlines())}
+    assert measured == pytest.approx({name: seconds for name, (seconds, _) in PROGRAMS.items()}, rel=0.003, abs=0.02)
 
 
 def test_programs_exchange_messages_without_losing_time() -> None:

@@ -9,6 +9,7 @@ from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from tests.budget import subset
+from tests.rows import each_row
 from urproto.modes import SafetyMode
 from urproto.robots import MODELS, START_Q, load_model
 
@@ -48,8 +49,8 @@ def test_moves_to_the_present_pose_to_upright_and_back(make_rig, name):
                 rig.motion.set_position(goal)
 
 
-@pytest.mark.parametrize("length_m", [0.0, 1e-16, 1e-12, 1e-9, 1.1e-9, 1e-8, 1e-7])
-@pytest.mark.parametrize("command", ["movel", "movep", "servoc"])
+@each_row("length_m", [0.0, 1e-16, 1e-12, 1e-9, 1.1e-9, 1e-8, 1e-7])
+@each_row("command", ["movel", "movep", "servoc"])
 def test_arbitrarily_short_paths(make_rig, command, length_m):
     for q in (UPRIGHT, (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)):
         rig = make_rig(q=q)

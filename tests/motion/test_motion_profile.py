@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulator.motion.profile import Limits, Profile, limits_for_duration
+from tests.rows import each_row
 
 positive = st.floats(0.01, 10.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("length", "speed", "acceleration", "duration"),
     [
         (2.0, 1.0, 2.0, 2.5),  # cruises: L/v + v/a

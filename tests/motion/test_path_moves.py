@@ -4,6 +4,8 @@ from math import cos, dist, pi, sin, sqrt
 
 import pytest
 
+from tests.rows import each_row
+
 ZERO = (0.0,) * 6
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
 
@@ -56,7 +58,7 @@ def test_movej_in_too_short_a_time_is_stretched(rig):
     assert rig.fault is None
 
 
-@pytest.mark.parametrize("name", ["ur3", "ur5e", "ur10e", "ur16e", "ur20"])
+@each_row("name", ["ur3", "ur5e", "ur10e", "ur16e", "ur20"])
 def test_movel_goes_straight(make_rig, name):
     rig = make_rig(name)
     start = rig.pose()

@@ -9,6 +9,7 @@ from emulator.controller import Controller
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
 from emulator.motion.program_time import RAMP_RAD_S2
+from tests.rows import each_row
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 
@@ -219,13 +220,13 @@ def sweep(name, stop, every):
         assert arm.largest_qdd <= 1.02 * (free.largest_qdd + ramp)  # differences of speeds in whole periods
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@each_row("name", PROGRAMS)
 def test_a_pause_moves_no_target(name):
     sweep(name, "pause", 71)
 
 
-@pytest.mark.parametrize("name", ["spline", "speedj", "servoj", "movel, then speedl", "force mode"])
-@pytest.mark.parametrize("stop", ["protective stop", "safeguard stop"])
+@each_row("name", ["spline", "speedj", "servoj", "movel, then speedl", "force mode"])
+@each_row("stop", ["protective stop", "safeguard stop"])
 def test_a_stop_by_the_safety_system_moves_no_target(name, stop):
     sweep(name, stop, 97)
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from random_programs import Case, programs, run
 
+from tests.rows import each_row
 from urproto.robots import MODELS
 
 PROGRAM_COUNT = os.environ.get("RANDOM_PROGRAMS")
@@ -76,7 +77,7 @@ FOUND = {
 }
 
 
-@pytest.mark.parametrize("name", FOUND)
+@each_row("name", FOUND)
 def test_previously_found_programs(name: str) -> None:
     run(FOUND[name])
 

@@ -9,6 +9,7 @@ import pytest
 
 from emulator.motion.faults import Singularity
 from emulator.motion.reach import distance_to_singularity, singularity
+from tests.rows import each_row
 from urproto.robots.model import load_model
 
 
@@ -38,9 +39,9 @@ def outcome(rig, move):
     return label(move.failed)
 
 
-@pytest.mark.parametrize("shift", SHIFTS)
-@pytest.mark.parametrize("q", [STRETCHED, STRETCHED_ELBOW])
-@pytest.mark.parametrize("command", ["movel", "movep"])
+@each_row("shift", SHIFTS)
+@each_row("q", [STRETCHED, STRETCHED_ELBOW])
+@each_row("command", ["movel", "movep"])
 def test_a_straight_move_of_the_stretched_arm(make_rig, command, q, shift):
     """However short, and inwards too: users of URSim 5.12 and 5.26."""
     rig = make_rig(q=q)
@@ -54,8 +55,8 @@ def test_an_arc_of_the_stretched_arm(make_rig):
     assert outcome(rig, rig.commands.movec(via, to)) == "C154A0"
 
 
-@pytest.mark.parametrize("shift", SHIFTS)
-@pytest.mark.parametrize("q", SINGULAR_WRISTS)
+@each_row("shift", SHIFTS)
+@each_row("q", SINGULAR_WRISTS)
 def test_a_straight_move_with_a_singular_wrist_only(make_rig, q, shift):
     """The controller's inverse kinematics continues with another wrist: a sudden change in target position."""
     rig = make_rig(q=q)
@@ -82,7 +83,7 @@ def test_a_line_through_a_singularity(make_rig):
         assert outcome(rig, rig.commands.movel((-x, aside - y, *rest), v=0.1)) == "C154A0"
 
 
-@pytest.mark.parametrize("direction", [(-0.3, 0, 0.3), (-0.5, 0, 0), (0, 0, 0.5), (0.1, 0.3, 0)])
+@each_row("direction", [(-0.3, 0, 0.3), (-0.5, 0, 0), (0, 0, 0.5), (0.1, 0.3, 0)])
 def test_speedl_until_the_arm_is_stretched(make_rig, direction):
     rig = make_rig(q=BENT)
     rig.commands.speedl((*direction, 0, 0, 0), a=1.0)
@@ -93,7 +94,7 @@ def test_speedl_until_the_arm_is_stretched(make_rig, direction):
     assert label(rig.fault) == "C154A0"
 
 
-@pytest.mark.parametrize("command", ["movel", "movep", "servoc"])
+@each_row("command", ["movel", "movep", "servoc"])
 def test_a_goal_out_of_reach(make_rig, command):
     rig = make_rig(q=BENT)
     assert outcome(rig, getattr(rig.commands, command)(moved(rig, (-1.0, 0.0, 0.0)))) == "C204A3"
@@ -111,7 +112,7 @@ def test_a_joint_beyond_its_limit(make_rig):
     assert outcome(rig, rig.commands.movej((7.0, *BENT[1:]))) == "C150A0"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("q", "kind"),
     [
         (STRETCHED, Singularity.ELBOW),

@@ -4,6 +4,8 @@ from math import dist, sin
 
 import pytest
 
+from tests.rows import each_row
+
 ZERO = (0.0,) * 6
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
 DRIVER = {"lookahead_time": 0.03, "gain": 2000.0}  # parameters of the External Control program
@@ -32,9 +34,9 @@ def test_servoj_blocks_longer_at_a_low_speed_slider(rig):
     assert rig.finish(rig.commands.servoj((0.4, *START[1:]), t=0.002), 0.5) == pytest.approx(0.004)
 
 
-@pytest.mark.parametrize("period_s", PERIODS)
-@pytest.mark.parametrize("speed", [0.5, 2.0, -3.0])
-@pytest.mark.parametrize(("settings", "lag"), [(DRIVER, 0.0247), ({}, 0.0704)])
+@each_row("period_s", PERIODS)
+@each_row("speed", [0.5, 2.0, -3.0])
+@each_row(("settings", "lag"), [(DRIVER, 0.0247), ({}, 0.0704)])
 def test_lag_behind_a_steady_target(make_rig, period_s, speed, settings, lag):
     """Drivers tolerate 0.08 s at 2 rad/s, acceleration included."""
     rig = make_rig(period_s=period_s)
@@ -51,9 +53,9 @@ def test_lag_behind_a_steady_target(make_rig, period_s, speed, settings, lag):
     assert rig.motion.qd[0] == pytest.approx(speed, rel=1e-3)
 
 
-@pytest.mark.parametrize("period_s", PERIODS)
-@pytest.mark.parametrize("step", [0.001, 0.1, 2.0])
-@pytest.mark.parametrize("settings", [DRIVER, {}, {"lookahead_time": 0.2, "gain": 100.0}])
+@each_row("period_s", PERIODS)
+@each_row("step", [0.001, 0.1, 2.0])
+@each_row("settings", [DRIVER, {}, {"lookahead_time": 0.2, "gain": 100.0}])
 def test_a_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, step, settings):
     rig = make_rig(period_s=period_s)
     goal = (START[0] + step, *START[1:])
@@ -168,8 +170,8 @@ def test_speedj_to_zero_brings_the_arm_to_rest(rig):
     assert rig.motion.idle
 
 
-@pytest.mark.parametrize("joint", range(6))
-@pytest.mark.parametrize("direction", [1.0, -1.0])
+@each_row("joint", range(6))
+@each_row("direction", [1.0, -1.0])
 def test_speedj_into_a_position_limit_is_a_fault_and_stops_inside(make_rig, joint, direction):
     rig = make_rig("ur10e", period_s=0.008)
     speeds = tuple(direction * 2.0 if i == joint else 0.3 for i in range(6))

@@ -8,6 +8,7 @@ import pytest
 from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from urproto.robots import load_model
 
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
@@ -19,8 +20,8 @@ def one_joint(speed):
     return (speed, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("period_s", PERIODS)
-@pytest.mark.parametrize("fraction", SLIDERS)
+@each_row("period_s", PERIODS)
+@each_row("fraction", SLIDERS)
 def test_a_speed_commanded_each_period_covers_speed_times_time(make_rig, period_s, fraction):
     rig = make_rig(period_s=period_s)
     rig.finish(rig.commands.speedj(one_joint(0.5), a=40.0), fraction)
@@ -33,9 +34,9 @@ def test_a_speed_commanded_each_period_covers_speed_times_time(make_rig, period_
     assert all(qd[0] == pytest.approx(0.5 * fraction) for qd in rig.qd[begun:])  # evenly
 
 
-@pytest.mark.parametrize("period_s", PERIODS)
-@pytest.mark.parametrize("fraction", SLIDERS[2:])
-@pytest.mark.parametrize("tool", [False, True])
+@each_row("period_s", PERIODS)
+@each_row("fraction", SLIDERS[2:])
+@each_row("tool", [False, True])
 def test_a_spline_of_speeds_ends_at_its_target(make_rig, period_s, fraction, tool):
     """Drivers' control programs run trajectories like this: a new speed each period, timed by the program."""
     rig = make_rig(period_s=period_s)
@@ -56,8 +57,8 @@ def test_a_spline_of_speeds_ends_at_its_target(make_rig, period_s, fraction, too
     assert rig.largest_acceleration() < 8.0 + 1e-6 if not tool else rig.fault is None
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("period_s", PERIODS)
+@each_row("seed", range(3))
+@each_row("period_s", PERIODS)
 def test_moving_the_slider_on_the_way_keeps_the_distance(make_rig, period_s, seed):
     rig, random = make_rig(period_s=period_s), Random(seed)
     t, speed, fraction, duration, way = 0.0, 0.0, 1.0, 0.8, 0.8
@@ -74,9 +75,9 @@ def test_moving_the_slider_on_the_way_keeps_the_distance(make_rig, period_s, see
     assert rig.motion.q[0] - START[0] == pytest.approx(way, abs=1e-4)
 
 
-@pytest.mark.parametrize("fraction", SLIDERS)
-@pytest.mark.parametrize("t", [0.1, 0.123, 1.0])
-@pytest.mark.parametrize("period_s", PERIODS)
+@each_row("fraction", SLIDERS)
+@each_row("t", [0.1, 0.123, 1.0])
+@each_row("period_s", PERIODS)
 def test_a_single_command_covers_its_integral_to_the_period(make_rig, period_s, t, fraction):
     rig = make_rig(period_s=period_s)
     move = rig.commands.speedj(one_joint(0.4), a=8.0, t=t)
@@ -86,8 +87,8 @@ def test_a_single_command_covers_its_integral_to_the_period(make_rig, period_s, 
     assert rig.motion.q[0] - START[0] == pytest.approx(promised, abs=0.51 * 0.4 * period_s * fraction)
 
 
-@pytest.mark.parametrize("fraction", SLIDERS)
-@pytest.mark.parametrize("period_s", PERIODS)
+@each_row("fraction", SLIDERS)
+@each_row("period_s", PERIODS)
 def test_servoj_commands_take_their_time_on_average(make_rig, period_s, fraction):
     rig = make_rig(period_s=period_s)
     begun, count = len(rig.q), 40
@@ -148,8 +149,8 @@ end
 """
 
 
-@pytest.mark.parametrize("fraction", [0.1, 0.47, 0.66, 0.9, 0.99, 1.0])
-@pytest.mark.parametrize("model", ["ur3", "ur5e"])
+@each_row("fraction", [0.1, 0.47, 0.66, 0.9, 0.99, 1.0])
+@each_row("model", ["ur3", "ur5e"])
 def test_a_program_of_splines_ends_at_its_target(model, fraction):
     controller = Controller(ControllerConfig(model=load_model(model), running=True))
     controller.speed.set_slider(fraction)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.rows import each_row
 from urproto.compat import load_toml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -99,7 +100,7 @@ def test_every_file_is_valid_for_the_oldest_python() -> None:
     assert not found, "\n".join(found)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("source", "complaint"),
     [
         ("try:\n  pass\nexcept* OSError:\n  pass", "[34]: (Exception groups|invalid syntax)"),

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.rows import each_row
+
 RELEASE = runpy.run_path(str(Path(__file__).resolve().parents[2] / ".github" / "release.py"))
 notes, NotReadyError = RELEASE["notes"], RELEASE["NotReadyError"]
 CHANGELOG = """# Changelog
@@ -27,7 +29,7 @@ def test_release_notes_are_the_section_of_the_version() -> None:
     assert notes("v1.2.0", "1.2.0", CHANGELOG) == "### Added\n\n- a thing\n"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("tag", "version", "problem"),
     [
         ("v1.3.0", "1.2.0", "the tag is v1.3.0 and pyproject.toml says 1.2.0"),

@@ -3,6 +3,7 @@
 import pytest
 
 from client.pendant.dialogues import Dialogues, parse_answer
+from tests.rows import each_row
 from urproto.modes import RequestedType
 from urproto.primary.messages import PROGRAM_STOPPED, KeyMessage, PopupMessage, RequestValueMessage
 
@@ -47,7 +48,7 @@ def test_outdated_list_does_not_reopen_closed_dialogue():
     assert list(dialogues.open) == [7]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "text", "value"),
     [
         (RequestedType.INTEGER, " -12 ", -12),
@@ -60,7 +61,7 @@ def test_typed_answers_are_converted_to_requested_type(kind: RequestedType, text
     assert parse_answer(kind, text) == value
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "text", "wanted"),
     [
         (RequestedType.INTEGER, "1.5", "an integer"),

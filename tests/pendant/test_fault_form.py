@@ -5,6 +5,7 @@ import pytest
 from client.pendant.fault_form import FaultField, FaultKind, fault_arguments, fault_kinds
 from client.pendant.screens.simulation_faults import SUBJECTS
 from emulator.faults.catalogue import kinds, make_fault
+from tests.rows import each_row
 
 PORTS = ["dashboard", "rtde", "control"]
 KINDS = {kind["kind"]: kind for kind in kinds()}
@@ -24,7 +25,7 @@ def initial_value(field: FaultField) -> object:
     return "" if field.default is None else str(field.default)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@each_row("name", KINDS)
 def test_form_of_every_kind_creates_its_fault(forms, name) -> None:
     form = forms[name]
     arguments = fault_arguments(form, {field.name: initial_value(field) for field in form.fields})
@@ -32,7 +33,7 @@ def test_form_of_every_kind_creates_its_fault(forms, name) -> None:
     assert make_fault(name, arguments).kind == name
 
 
-@pytest.mark.parametrize("name", KINDS)
+@each_row("name", KINDS)
 def test_defaults_are_valid_choices(forms, name) -> None:
     for field in forms[name].fields:
         assert not field.choices or field.required or field.default in field.choices
@@ -50,7 +51,7 @@ def test_port_choices_include_all_ports_but_control_api(forms) -> None:
     assert list(port.choices) == ["", "dashboard", "rtde", "scripts"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "shown", "message"),
     [
         ("encoder_jump", {}, "needs joint, by_rad"),

@@ -3,11 +3,10 @@
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
 from client.pendant.dialogues import Stops
 from client.pendant.screens.initialize import recovery_text, safeguard_text, stop_cause
 from client.pendant.situation import RobotStatus, situation
+from tests.rows import each_row
 from urproto.modes import ReportLevel, RobotMode, SafetyMode, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage
 
@@ -61,7 +60,7 @@ def test_no_cause_without_stop() -> None:
 STOP = SafetyStatusBits.SAFEGUARD_STOPPED
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("safety", "bits", "is_open", "text"),
     [
         (SafetyMode.NORMAL, 0, False, "Closed"),

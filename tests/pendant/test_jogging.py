@@ -12,6 +12,7 @@ import pytest
 from client.pendant.jogging import Bounds, Ramp
 from client.pendant.mover import STALE_S
 from client.pendant.screens.move_jog import JogPanels
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.robots import MODELS, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_add, rotvec_to_matrix
@@ -85,8 +86,8 @@ def test_reversal_passes_through_rest() -> None:
     assert max(accelerations(arm.speeds)) <= 4.0 + 1e-9
 
 
-@pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@each_row("name", MODELS)
+@each_row("sign", [-1.0, 1.0])
 def test_every_joint_stops_just_before_its_limit(name: str, sign: float) -> None:
     model = load_model(name)
     for joint in range(6):
@@ -117,9 +118,9 @@ def test_tool_motion_stops_before_joint_limit() -> None:
     assert arm.q[5] < high - 0.5
 
 
-@pytest.mark.parametrize("name", ["ur3", "ur5e", "ur20"])
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@each_row("name", ["ur3", "ur5e", "ur20"])
+@each_row("axis", [0, 1, 2])
+@each_row("sign", [-1.0, 1.0])
 def test_tool_stops_smoothly_at_end_of_reach(name: str, axis: int, sign: float) -> None:
     model = load_model(name)
     arm = SimulatedArm(model, BENT, "tool")

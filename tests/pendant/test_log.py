@@ -4,9 +4,8 @@ import csv
 import io
 from typing import Any
 
-import pytest
-
 from client.pendant.events import MAX_SHOWN, EventLog, LogView, as_csv, as_text
+from tests.rows import each_row
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import (
     NO_TIMESTAMP_US,
@@ -29,7 +28,7 @@ def texts(change: list[Any] | None) -> list[str]:
     return [row[-1] for row in change[1]]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("message", "severity", "code", "text"),
     [
         (ErrorCodeMessage(code=153, argument=2, level=2), "warning", "C153A2", "deviates from the path: elbow"),

@@ -10,6 +10,7 @@ from client.pendant.feeds import Feed
 from client.pendant.plots import Plots
 from client.pendant.series import PRESETS, catalogue, series
 from client.recording.tables import read_csv
+from tests.rows import each_row
 from urproto.rtde.fields import OUTPUT_FIELDS, available_fields
 from urproto.versions import PolyscopeVersion
 
@@ -52,7 +53,7 @@ def test_every_rtde_number_can_be_plotted() -> None:
             assert set(keys) <= set(known)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("key", "label", "shown_unit", "factor"),
     [
         ("actual_q[3]", "actual_q Wrist 1", "°", 180 / math.pi),

@@ -6,6 +6,7 @@ import pytest
 
 from client.errors import FileError
 from client.pendant.program_file import ProgramFile, SavedDraft
+from tests.rows import each_row
 
 DRAFT = SavedDraft("cell/job.urp", True, b"\x1f\x8b\x00<URProgram/>")
 
@@ -22,7 +23,7 @@ def test_address_cannot_leave_folder(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 1
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"path": "", "changed": true, "urp": "?"}', "null"])
+@each_row("content", ["", "{", "[]", "{}", '{"path": "", "changed": true, "urp": "?"}', "null"])
 def test_unreadable_file_is_moved_aside(tmp_path: Path, content: str) -> None:
     file = ProgramFile(tmp_path, "robot")
     (tmp_path / "robot.json").write_text(content)

@@ -11,6 +11,7 @@ from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile
 from emulator.machine import ControllerConfig
 from emulator.virtual import VirtualRobot
+from tests.rows import each_row
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
@@ -74,7 +75,7 @@ def test_names_get_extension(name: str, path: str) -> None:
     assert playback.with_extension(name) == path
 
 
-@pytest.mark.parametrize("name", ["", "  ", ".urp"])
+@each_row("name", ["", "  ", ".urp"])
 def test_empty_name_is_rejected(name: str) -> None:
     with pytest.raises(ValueError, match="a name"):
         playback.with_extension(name)

@@ -5,6 +5,7 @@ import pytest
 from client.pendant.draft import Draft, ScriptError
 from client.pendant.programs import Programs
 from client.pendant.variables import Variables, VariablesView, format_value, type_name
+from tests.rows import each_row
 from urproto.primary.messages import (
     NO_TIMESTAMP_US,
     PROGRAM_STARTED,
@@ -173,7 +174,7 @@ class TestVariables:
         report_values(variables)
         assert view.next_update(False) is None
 
-    @pytest.mark.parametrize(
+    @each_row(
         ("value", "kind", "text"),
         [
             (True, "bool", "True"),

@@ -15,6 +15,7 @@ from client.pendant.outputs import analog_range, set_analog, set_digital
 from client.pendant.page import NotAcceptedError
 from client.pendant.saved import Tools
 from client.pendant.screens.io_registers import Bank, to_word
+from tests.rows import each_row
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
@@ -98,8 +99,8 @@ def test_analog_ranges() -> None:
         voltage.ratio(math.nan)
 
 
-@pytest.mark.parametrize("kind", ["bit", "int", "double"])
-@pytest.mark.parametrize("half", ["fieldbus", "clients"])
+@each_row("kind", ["bit", "int", "double"])
+@each_row("half", ["fieldbus", "clients"])
 def test_register_banks_match_rtde_fields(kind: str, half: str) -> None:
     bank = Bank(kind, half)
     for direction in ("input", "output"):
@@ -143,9 +144,7 @@ async def test_unaccepted_command_is_reported(monkeypatch: pytest.MonkeyPatch) -
         await apply_tcp(robot, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize(
-    ("version", "function"), [((3, 15), "set_payload"), ((5, 9), "set_payload"), ((5, 10), "set_target_payload")]
-)
+@each_row(("version", "function"), [((3, 15), "set_payload"), ((5, 9), "set_payload"), ((5, 10), "set_target_payload")])
 async def test_payload_function_depends_on_version(version: tuple[int, int], function: str) -> None:
     robot: Any = Robot(version=PolyscopeVersion(*version))
     assert await apply_payload(robot, 1.5, (0.0, 0.01, 0.04))
@@ -185,7 +184,7 @@ def test_tcps_are_saved_to_file(tmp_path: Path) -> None:
             tools.save(name, tcp)
 
 
-@pytest.mark.parametrize("content", ["nonsense", "[]", '{"a": [1, 2]}', '{"a": "b"}'])
+@each_row("content", ["nonsense", "[]", '{"a": [1, 2]}', '{"a": "b"}'])
 def test_invalid_file_is_not_overwritten(tmp_path: Path, content: str) -> None:
     path = tmp_path / "tools.json"
     path.write_text(content)

@@ -9,6 +9,7 @@ import pytest
 from client.pendant.situation import STAGES, Action, NotPermittedError, RobotStatus, Situation, situation
 from emulator.machine import ControllerConfig
 from emulator.virtual import VirtualRobot
+from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.robots import load_model
 
@@ -128,7 +129,7 @@ EMERGENCY = "Robot emergency stop. Release the emergency stop button (turn it), 
 PROTECTIVE = "Protective stop. Find the cause and remove it, then unlock the stop."
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("action", "now", "reason"),
     [
         (Action.MOVE, {"robot": RobotMode.POWER_OFF}, NO_POWER),
@@ -168,7 +169,7 @@ def test_reasons(action: Action, now: dict[str, Any], reason: str) -> None:
 CONTINUES = " The program then continues."
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("now", "advice"),
     [
         ({}, "Nothing keeps the arm from moving."),
@@ -286,7 +287,7 @@ STATES = {
 }
 
 
-@pytest.mark.parametrize("state", STATES)
+@each_row("state", STATES)
 def test_emulator_agrees_with_permitted_actions(state: str, tmp_path: Any) -> None:
     (tmp_path / "far.script").write_text(MOVING)
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True, programs_dir=tmp_path))

@@ -7,6 +7,7 @@ import pytest
 
 from emulator.config import ConfigError, controller_config
 from tests.physics.conftest import Cell
+from tests.rows import each_row
 
 PART = "box: [0.04, 0.04, 0.04], pose: [-0.5, 0, 0.5]"
 MJCF = """<mujoco><worldbody>
@@ -15,7 +16,7 @@ MJCF = """<mujoco><worldbody>
 </worldbody></mujoco>"""
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "message"),
     [
         (f"objects: {{a: {{{PART}, mass: 0}}}}", "a: mass must be a number > 0.0"),
@@ -62,7 +63,7 @@ def test_an_invalid_scene_is_a_one_line_error(tmp_path, text, message):
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("text", ["<mujoco><worldbody><geom type='egg'/></worldbody></mujoco>", "<mujoco", ""])
+@each_row("text", ["<mujoco><worldbody><geom type='egg'/></worldbody></mujoco>", "<mujoco", ""])
 def test_an_invalid_mujoco_scene_is_a_one_line_error(tmp_path, text):
     (scene := tmp_path / "bad.xml").write_text(text)
     with pytest.raises(ConfigError, match=r"bad\.xml: \S") as refused:

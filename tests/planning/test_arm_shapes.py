@@ -4,6 +4,8 @@ from random import Random
 
 import pytest
 
+from tests.rows import each_row
+
 pytest.importorskip("coal")
 
 from clearance import Clearance
@@ -14,7 +16,7 @@ from urproto.robots import MODELS, load_model
 from urproto.robots.model import LinkCylinders
 
 
-@pytest.mark.parametrize("model", MODELS)
+@each_row("model", MODELS)
 def test_a_folded_arm_touches_itself(model: str) -> None:
     """Wrist 1 meets the upper arm, which the elbow's own limits do not prevent."""
     checker = CollisionChecker(PlanningScene(model))
@@ -22,7 +24,7 @@ def test_a_folded_arm_touches_itself(model: str) -> None:
     assert checker.is_free((0.0, -1.5, 1.5, -1.5, 1.5, 0.0))
 
 
-@pytest.mark.parametrize("model", MODELS)
+@each_row("model", MODELS)
 def test_cylinders_meet_at_the_joints(model: str) -> None:
     arm = load_model(model)
     links: tuple[LinkCylinders, ...] = arm.cylinders

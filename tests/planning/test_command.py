@@ -5,6 +5,8 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from tests.rows import each_row
+
 pytest.importorskip("ompl")
 
 from client.cli import app
@@ -54,7 +56,7 @@ def test_the_orientation_of_the_start_is_kept() -> None:
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("goals", "words"),
     [
         (("LIN up",), "PoseGoal"),

@@ -8,6 +8,8 @@ from math import dist, pi
 import numpy as np
 import pytest
 
+from tests.rows import each_row
+
 pytest.importorskip("ompl")
 
 from clearance import Clearance
@@ -56,7 +58,7 @@ def off_line(pose: Pose, start: Pose, goal: Pose) -> tuple[float, float]:
     return dist(there[:3], pose[:3]), angle(there, pose)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@each_row("model", MODELS)
 def test_a_line_is_straight_and_turns_evenly(model: str) -> None:
     arm = load_model(model)
     size = 0.2 * arm.reach_m

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.budget import subset
+from tests.rows import each_row
 
 pytest.importorskip("ompl")
 
@@ -75,7 +76,7 @@ def test_a_seed_gives_the_same_plan_again() -> None:
     assert (one.trajectory.q == other.trajectory.q).all()
 
 
-@pytest.mark.parametrize("planner", ["RRTConnect", "RRTstar", "PRM"])
+@each_row("planner", ["RRTConnect", "RRTstar", "PRM"])
 def test_each_planner_finds_a_path_around_a_post(planner: str) -> None:
     scene = PlanningScene("ur3")
     scene.add("post", Box((0.1, 0.1, 1.0)), (0.3, 0.0, 0.5, 0.0, 0.0, 0.0))
@@ -88,7 +89,7 @@ def test_each_planner_finds_a_path_around_a_post(planner: str) -> None:
     assert min(clearance(q) for q in samples(plan)) > scene.padding_m - 0.001
 
 
-@pytest.mark.parametrize("model", MODELS)
+@each_row("model", MODELS)
 def test_poses_are_reached_by_any_configuration(model: str) -> None:
     arm = load_model(model)
     tcp = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.rows import each_row
+
 pytest.importorskip("ompl")
 
 from client.errors import PlanningError
@@ -38,7 +40,7 @@ def timed(path: Callable[[Any], Any], allowed: Limits, scalings: Any = None) -> 
 
 
 # length, limits of speed, acceleration and jerk
-@pytest.mark.parametrize(
+@each_row(
     ("length", "v", "a", "j"),
     [
         (2.0, 1.0, 5.0, 100.0),
@@ -90,7 +92,7 @@ def test_scalings_apply_where_they_are_given() -> None:
     assert 0.5 < fast <= 1.0
 
 
-@pytest.mark.parametrize("share", [0.0, -0.5, 1.01, nan, inf])
+@each_row("share", [0.0, -0.5, 1.01, nan, inf])
 def test_limits_are_only_reduced(share: float) -> None:
     allowed = limits(1.0, 5.0, 100.0)
     half = allowed.scaled(0.5, 0.25)
@@ -136,7 +138,7 @@ def enumerated(scene: PlanningScene, pose: Any, start: Any) -> set[tuple[float, 
     return {tuple(round(value, 6) for value in q) for q in found}
 
 
-@pytest.mark.parametrize("start", [Q, (3.0, -1.0, 1.0, -2.0, 1.2, -3.1), (-6.0, -2.0, 0.5, 6.0, 1.0, 5.5)])
+@each_row("start", [Q, (3.0, -1.0, 1.0, -2.0, 1.2, -3.1), (-6.0, -2.0, 0.5, 6.0, 1.0, 5.5)])
 def test_a_pose_has_all_configurations_nearest_first(start: tuple[float, ...]) -> None:
     scene = PlanningScene("ur5e")
     checker = CollisionChecker(scene)
@@ -152,8 +154,8 @@ def test_a_pose_has_all_configurations_nearest_first(start: tuple[float, ...]) -
         assert scene.kinematics.forward(q, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)) == pytest.approx(pose, abs=1e-6)
 
 
-@pytest.mark.parametrize("joint", range(6))
-@pytest.mark.parametrize(("beyond", "allowed"), [(-1e-6, True), (1e-6, False)])
+@each_row("joint", range(6))
+@each_row(("beyond", "allowed"), [(-1e-6, True), (1e-6, False)])
 def test_joint_limits_of_a_goal(joint: int, beyond: float, allowed: bool) -> None:
     scene = PlanningScene("ur5e")
     names = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
@@ -185,8 +187,8 @@ def opposite(distance_m: float, padding_m: float = 0.01) -> PlanningScene:
     return scene
 
 
-@pytest.mark.parametrize("padding_m", [0.0, 0.01, 0.04])
-@pytest.mark.parametrize(("beyond_m", "free"), [(-0.0002, False), (0.0002, True)])
+@each_row("padding_m", [0.0, 0.01, 0.04])
+@each_row(("beyond_m", "free"), [(-0.0002, False), (0.0002, True)])
 def test_a_configuration_is_free_if_nothing_is_nearer_than_the_padding(
     padding_m: float, beyond_m: float, free: bool
 ) -> None:
@@ -208,8 +210,8 @@ def test_a_configuration_is_free_if_nothing_is_nearer_than_the_padding(
     assert checker.clearance(Q) > padding_m + 0.01
 
 
-@pytest.mark.parametrize("turn_rad", [0.3, -0.3])
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+@each_row("turn_rad", [0.3, -0.3])
+@each_row("share", [0.1, 0.5, 0.9])
 def test_a_motion_is_blocked_by_what_is_between_its_ends(turn_rad: float, share: float) -> None:
     scene = PlanningScene("ur5e")
     scene.attach("ball", Sphere(0.01), TOOL)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from emulator.check import app
 from tests.budget import subset
+from tests.rows import each_row
 from urproto.testing import launch
 from urproto.testing.process import EmulatorProcess, claim_address
 
@@ -81,7 +82,7 @@ def test_the_check_waits_for_a_starting_robot() -> None:
         robot.dispose()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("words", "complaint"),
     [(["--require", "wheels"], "wheels"), (["--ports-file", "/nowhere"], "/nowhere"), (["--fly"], "--fly")],
 )

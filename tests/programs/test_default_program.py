@@ -7,6 +7,7 @@ import pytest
 from tree_rig import Arm, installation, main, sleep, tag, textmsg
 
 from emulator.lifecycle.power import PowerTimings
+from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState
 from urproto.signals import CONFIGURABLE, STANDARD
 
@@ -136,7 +137,7 @@ def test_an_unreadable_installation_is_logged(tmp_path, content):
 
 
 @both_series
-@pytest.mark.parametrize("level", [True, False])
+@each_row("level", [True, False])
 def test_an_edge_of_an_input_switches_the_arm_on(tmp_path, model, level):
     box = Box(tmp_path, model, settings(release=("digital_in[3]", level)), high=() if level else (3,))
     box.seconds(0.5)
@@ -166,7 +167,7 @@ def test_an_edge_starts_the_program_each_time(tmp_path, model):
 
 
 @both_series
-@pytest.mark.parametrize("level", [True, False])
+@each_row("level", [True, False])
 def test_a_level_present_at_boot_is_sufficient(tmp_path, model, level):
     """The manual's warning: no edge is needed then, and inputs are low by themselves."""
     both = ("digital_in[2]", level)
@@ -239,7 +240,7 @@ def test_the_input_may_have_a_name_or_be_a_register(tmp_path):
     box.until(lambda: box.runs == 1, 1.0)
 
 
-@pytest.mark.parametrize("pin", ["digital_in[8]", "analog_in[0]", "digital_out[0]", "nothing"])
+@each_row("pin", ["digital_in[8]", "analog_in[0]", "digital_out[0]", "nothing"])
 def test_an_invalid_input_is_logged(tmp_path, pin):
     box = Box(tmp_path, "ur5e", settings(release=(pin, False)))
     box.seconds(0.5)

@@ -5,6 +5,7 @@ import json
 import pytest
 from editing_rig import CB3, E_SERIES, HOME, INSTALLATION, editor, id_of, outline, reopened
 
+from tests.rows import each_row
 from urproto.robots.pose import pose_trans
 from urproto.versions import PolyscopeVersion
 from urscript.polyscope.editing import ROOT, EditError
@@ -94,7 +95,7 @@ def test_undo_restores_the_same_bytes_and_redo_repeats():
         made.set(waypoint, "name", "x")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "values", "field", "refusal"),
     [
         ("wait", {"type": "Sleep", "time": -1}, "time", "Wait: 0.01, Time: -1 s is outside the limits: 0 or more s"),
@@ -350,7 +351,7 @@ def test_a_file_that_is_not_a_program_is_refused():
             ProgramEditor(read_document(text.encode()), "x", INSTALLATION, E_SERIES)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in kinds().values() if kind.new], ids=lambda kind: kind.key)
+@each_row("kind", [kind for kind in kinds().values() if kind.new], ids=lambda kind: kind.key)
 def test_every_kind_is_created_shown_set_saved_and_translated(kind):
     """With its default values, and with every choice of its form."""
     made = editor()

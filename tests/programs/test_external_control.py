@@ -16,6 +16,7 @@ from emulator.control.verbs import ControlledRobot
 from emulator.services.sockets import MemorySocket, MemorySockets
 from emulator.services.urcap import DriverAddress, ProgramRequest, split_program
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.modes import RuntimeState
 from urproto.primary.messages import KeyMessage, RuntimeExceptionMessage
 from urscript.polyscope.installation_file import read_installation
@@ -240,7 +241,7 @@ def silent(robot: Robot) -> str:
     return "Timeout while reading requested program from 192.168.56.1:50002"
 
 
-@pytest.mark.parametrize(("driver", "waits_s"), [(refused, 0.0), (unreachable, 5.0), (silent, 0.5)])
+@each_row(("driver", "waits_s"), [(refused, 0.0), (unreachable, 5.0), (silent, 0.5)])
 def test_without_an_answer_the_program_shows_a_popup_and_continues_after_it(tmp_path, driver, waits_s):
     robot = Robot(tmp_path, nodes=f'{NODE}<Wait type="Sleep"><waitTime>0.2</waitTime></Wait>')
     text = driver(robot)
@@ -387,7 +388,7 @@ def test_an_address_from_the_control_api_applies_from_the_next_play(tmp_path):
     assert driver.state == "open"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("data", "address"),
     [
         ("", URCAP_DEFAULT),
@@ -402,7 +403,7 @@ def test_addresses_on_the_installations_page(data, address):
     assert DriverAddress.of(installation).complete == address
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "address"),
     [
         ("10.0.0.1:5000", ("10.0.0.1", 5000)),
@@ -416,13 +417,13 @@ def test_addresses_as_an_option(text, address):
     assert DriverAddress.parse(text).complete == address
 
 
-@pytest.mark.parametrize("text", ["", ":", "host:", "host:0", "host:65536", "host:x", "::1", "two words", "a:1:2"])
+@each_row("text", ["", ":", "host:", "host:0", "host:65536", "host:x", "::1", "two words", "a:1:2"])
 def test_invalid_addresses(text):
     with pytest.raises(ValueError, match="use HOST:PORT"):
         DriverAddress.parse(text)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "header", "node"),
     [
         ("a\n# HEADER_BEGIN\nb\n  # HEADER_END \nc\n", "# HEADER_BEGIN\nb\n  # HEADER_END ", "c\n"),

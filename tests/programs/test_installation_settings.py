@@ -8,6 +8,7 @@ from tree_rig import Arm, main, textmsg
 
 from emulator.machine import ControllerConfig
 from emulator.virtual import VirtualRobot
+from tests.rows import each_row
 from urproto.controlapi import BadArguments
 from urproto.robots import load_model
 from urproto.signals import STANDARD
@@ -102,7 +103,7 @@ both_series = pytest.mark.parametrize("series", ["cb3", "e"])
 
 
 @both_series
-@pytest.mark.parametrize(
+@each_row(
     ("change", "before", "after"),
     [
         (
@@ -217,7 +218,7 @@ def test_added_entries_are_read_back(series):
     assert read_settings(root)["modbus"] == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("section", "name", "values", "complaint"),
     [
         ("tcps", "hand", {"pose": [1.0, 2.0]}, "must be 6 numbers"),

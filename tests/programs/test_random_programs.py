@@ -2,13 +2,13 @@
 
 from typing import Any
 
-import pytest
 from editing_rig import CB3, E_SERIES, HOME, ZERO, editor, outline, reopened
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulator.builtins import LIBRARIES
 from tests.budget import examples
+from tests.rows import each_row
 from urscript.builtins import LibrarySet
 from urscript.compiler import compile_script
 from urscript.polyscope.editing import EditError, ProgramEditor
@@ -151,7 +151,7 @@ def test_any_text_is_allowed_in_a_comment_and_an_expression(text, version):
     assert again.form(rows[3])["fields"][1]["value"] == made.form(line)["fields"][1]["value"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "shown"),
     [
         ("a==b", "a≟b"),

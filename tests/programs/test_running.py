@@ -12,6 +12,7 @@ from emulator.commands.requests import RTDEInputs
 from emulator.commands.safety import TripSafety
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.causes import Cause
+from tests.rows import each_row
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage
 
@@ -212,8 +213,8 @@ def history(cell: Cell, periods: str) -> Cell:
 REGISTER = '"input_int_register_0", {hz}'
 
 
-@pytest.mark.parametrize("model", SECONDS)
-@pytest.mark.parametrize(
+@each_row("model", SECONDS)
+@each_row(
     ("calls", "writes", "acts"),
     [
         (REGISTER, "." * 10, False),

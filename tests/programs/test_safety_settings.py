@@ -10,6 +10,7 @@ import pytest
 from emulator.machine import ControllerConfig
 from emulator.safety.files import load_safety_file
 from emulator.virtual import VirtualRobot
+from tests.rows import each_row
 from urproto.controlapi import BadArguments
 from urproto.robots import MODELS, load_model
 from urproto.versions import DEFAULT_VERSION
@@ -47,7 +48,7 @@ def safety(root):
     return read_safety_settings(read_document(write_document(root)).child("SafetySettings").text)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_a_configuration_round_trips(name):
     model = load_model(name)
     full = replace(
@@ -76,7 +77,7 @@ def test_one_value_changes_one_line_and_the_checksum():
     assert safety(root).crc is None
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("section", "name", "values", "found"),
     [
         ("safety_limits", "TCP speed [m/s]", {"normal": 0.5}, lambda s: s.normal.tcp_speed == 0.5),
@@ -126,7 +127,7 @@ def test_a_manually_moved_plane_no_longer_follows_its_feature():
     assert value_of(text, section, "planeNormal") == "[0.0, 0.0, 1.0]"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("section", "name", "values", "complaint"),
     [
         ("safety_limits", "Power [W]", {"normal": 1001.0}, "more than 0 and at most 1000, not 1001"),

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tree_rig import Arm, children, installation, line, main, move, sleep, tag, textmsg, urp, waypoint
 
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RuntimeExceptionMessage
 from urscript.polyscope.document import DocumentError, read_document
@@ -249,7 +250,7 @@ def test_the_installation_of_a_program_is_loaded_with_it(arm):
     assert arm.controller.installation.tcp[2] in (0.2, 0.5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("base_angle", "tilt", "gravity"),
     [
         (0.0, math.pi / 2, (0.0, -9.82, 0.0)),
@@ -342,7 +343,7 @@ def test_every_name_becomes_an_identifier(name):
     assert identifier(name).isidentifier()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("data", "values"),
     [
         (b'#\n#Tue Oct 03\nspeed=0.5\ntext="a\\:b"\n', {"speed": "0.5", "text": '"a:b"'}),
@@ -375,7 +376,7 @@ def test_a_long_program_is_loaded_over_many_periods(arm):
     arm.until(lambda: len(arm.texts) == 2000)
 
 
-@pytest.mark.parametrize(("name", "parity"), [("NONE", 0), ("ODD", 1), ("EVEN", 2)])
+@each_row(("name", "parity"), [("NONE", 0), ("ODD", 1), ("EVEN", 2)])
 def test_the_tools_serial_line_is_set_as_by_set_tool_communication(name, parity):
     settings = {"enabled": "true", "baudRate": "BAUD_9600", "parity": name, "stopBits": "TWO"}
     line_settings = tag("ToolCommSettings", **settings, rxIdleChars="2.0", txIdleChars="4.0")

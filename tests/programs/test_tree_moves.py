@@ -22,6 +22,7 @@ from tree_rig import (
     waypoint,
 )
 
+from tests.rows import each_row
 from urproto.modes import SafetyMode
 from urproto.robots import load_model
 from urproto.robots.kinematics import Kinematics
@@ -198,7 +199,7 @@ def test_before_5_0_a_movej_goes_to_the_pose_with_the_active_tcp_and_else_to_the
     assert "get_inverse_kin" not in written(move(waypoint(ASIDE), useActiveTCP="false", **old))[0]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("after", "blend"),
     [
         ((), "0.02"),

@@ -13,6 +13,7 @@ from emulator.machine import ControllerConfig
 from emulator.programs.loading import ProgramLoadError
 from tests.budget import examples
 from tests.robotapi.rig import empty_urpx, node, urpx, wait
+from tests.rows import each_row
 from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
@@ -124,7 +125,7 @@ INFORMATION = ("program", "programInformation")
 CODE = ("program", "programContent", "children", 5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("data", "problem"),
     [
         (b"", "not JSON"),

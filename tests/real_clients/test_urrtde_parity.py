@@ -16,6 +16,7 @@ from rtde_control import RTDEControlInterface
 
 from client import Robot, RobotState
 from client.robot.state import MORE_OUTPUTS, OUTPUTS
+from tests.rows import each_row
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "ur_rtde_calls.md"
 INTERFACES = {
@@ -60,7 +61,7 @@ def exists(path: str) -> bool:
     return found is not None
 
 
-@pytest.mark.parametrize("interface", INTERFACES)
+@each_row("interface", INTERFACES)
 def test_every_ur_rtde_function_has_an_equivalent(interface: str) -> None:
     offered = {name for name in dir(INTERFACES[interface]) if not name.startswith("_")}
     listed = table(interface)

@@ -30,6 +30,7 @@ import yaml
 from emulator.devices.gripper_requests import GripperSession
 from emulator.servers.primary_state import robot_state
 from emulator.virtual import VirtualRobot
+from tests.rows import each_row
 from urproto.robotiq import RequestDecoder
 from urproto.testing import virtual_robot
 
@@ -136,7 +137,7 @@ def read(report: Path) -> dict[str, Any]:
     return document
 
 
-@pytest.mark.parametrize("report", REPORTS, ids=lambda report: report.stem)
+@each_row("report", REPORTS, ids=lambda report: report.stem)
 def test_the_emulator_reports_the_same(report: Path) -> None:
     document = read(report)
     replay = Replay(document["robot"])

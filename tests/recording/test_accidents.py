@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 from client.cli import app
 from client.errors import RecordingError
 from client.recording import Recorder, convert, read
+from tests.rows import each_row
 
 FORMATS = (".mcap", ".csv", ".npz")
 PATIENCE_S = 30.0
@@ -51,7 +52,7 @@ def run(program: str, *arguments: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
+@each_row("suffix", FORMATS)
 def test_a_file_that_cannot_grow_reports_how_much_it_contains(tmp_path: Path, suffix: str) -> None:
     count, _, error_text = run(FULL, str(tmp_path / f"run{suffix}")).partition(" ")
     path = tmp_path / f"run.unfinished{suffix}"

@@ -9,6 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.definitions import message_type, ros_name, rtde_type
+from tests.rows import each_row
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 STANDARD = (
@@ -48,7 +49,7 @@ words = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]
 inner = inner.map(lambda value: value | {"c": value["c"].replace("\0", "").encode("utf-8", "ignore").decode()})
 
 
-@pytest.mark.parametrize("name", STANDARD)
+@each_row("name", STANDARD)
 def test_our_definitions_match_ros(name: str) -> None:
     theirs = get_typestore(Stores.ROS2_JAZZY)
     ours = get_types_from_msg(message_type(name).definition, name)
@@ -110,7 +111,7 @@ def test_any_bytes_decode_or_are_an_error(data: bytes) -> None:
             continue
 
 
-@pytest.mark.parametrize("text", ["float64", "what is this", "Unknown x", "own/A a\n===\nMSG: own/A\nown/A a"])
+@each_row("text", ["float64", "what is this", "Unknown x", "own/A a\n===\nMSG: own/A\nown/A a"])
 def test_invalid_definitions_are_refused(text: str) -> None:
     with pytest.raises(RecordingError):
         MessageType("own/msg/Thing", text)

@@ -21,6 +21,7 @@ from client.recording import DEFAULT_FIELDS, Recorder, convert, read
 from client.recording.definitions import message_type
 from client.recording.topics import Topics
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -64,7 +65,7 @@ def test_every_format_converts_to_every_other(states, tmp_path: Path, source: st
     assert list(again.states()) == states[:50]
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
+@each_row("suffix", FORMATS)
 def test_every_kind_of_variable_can_be_recorded(tmp_path: Path, suffix: str) -> None:
     states = moving_states(OUTPUT_FIELDS, 0.02)
     assert list(read(record(tmp_path / f"all{suffix}", states)).states()) == states
@@ -260,7 +261,7 @@ def test_unwritable_and_unreadable_files_are_reported(states, tmp_path: Path) ->
         read(tmp_path / "one.csv")["payload"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("head", "why"),
     [
         (b'{"names": [], "info": {}}', "it has no variable"),

@@ -20,6 +20,7 @@ from client.errors import MissingExtraError, RecordingError
 from client.planning import Box, PlanningScene
 from client.planning.markers import SceneDrawing
 from client.recording.live import FoxgloveServer, PlotJugglerSender, address_of, datagrams, plotjuggler
+from tests.rows import each_row
 from tests.served_cameras import JPEG, MATRIX, OVERVIEW, POSE
 from urproto.compat_asyncio import timeout
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -87,7 +88,7 @@ def test_a_plotjuggler_that_does_not_listen_is_reported() -> None:
             plotjuggler(f"ws://127.0.0.1:{taken.getsockname()[1]}")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "address"),
     [
         ("udp://10.0.0.5:99", ("10.0.0.5", 99)),
@@ -100,7 +101,7 @@ def test_addresses(text: str, address: tuple[str, int]) -> None:
     assert address_of(text, "udp", 9870) == address
 
 
-@pytest.mark.parametrize("text", ["tcp://10.0.0.5:99", "", "udp://:7", "udp://a:99999", "udp://a:b"])
+@each_row("text", ["tcp://10.0.0.5:99", "", "udp://:7", "udp://a:99999", "udp://a:b"])
 def test_invalid_addresses_are_reported(text: str) -> None:
     with pytest.raises(RecordingError, match="is not an address"):
         address_of(text, "udp", 9870)

@@ -13,6 +13,7 @@ from client.errors import RecordingError
 from client.recording import Recorder
 from client.recording.pictures import Pictures
 from client.recording.timestamps import Stamps
+from tests.rows import each_row
 from tests.served_cameras import BELT, DEPTH, JPEG, MATRIX, OVERVIEW, POSE, WRIST, served_cameras
 
 BEGAN_NS = 1_700_000_000_123_456_789
@@ -88,7 +89,7 @@ def test_only_mcap_files_contain_pictures(tmp_path: Path) -> None:
             recorder.write_shot(Shot(OVERVIEW, "rgb.jpg", JPEG, 1.0, POSE))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "error"),
     [
         (["record", "a.csv", "--camera", "all"], "only .mcap files can contain camera images"),

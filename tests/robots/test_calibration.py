@@ -11,6 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from kinematics_oracle import product_of_links
 
+from tests.rows import each_row
 from urproto.robots import DH, Calibration, CalibrationError, Joints, calibration_hash, load_model
 from urproto.robots.calibration import LINKS, chain_of, dh_of
 
@@ -90,7 +91,7 @@ def urdf_product(content: dict, q: Joints) -> np.ndarray:
     return total
 
 
-@pytest.mark.parametrize("name", NOMINAL_HASHES)
+@each_row("name", NOMINAL_HASHES)
 def test_hash_of_nominal_arms(name: str) -> None:
     assert calibration_hash(load_model(name).dh) == NOMINAL_HASHES[name]
 
@@ -131,7 +132,7 @@ def test_parameters_of_a_public_file_reproduce_its_frames(name: str) -> None:
             assert ours["kinematics"][link][key] == pytest.approx(content["kinematics"][link][key], abs=1e-12), link
 
 
-@pytest.mark.parametrize("number", range(len(MEASURED)))
+@each_row("number", range(len(MEASURED)))
 def test_measured_arms(number: int) -> None:
     name, dh = measured(number)
     calibration = Calibration.of(dh)
@@ -203,7 +204,7 @@ def _with(link: str, key: str, value: object) -> dict:
     return content
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("content", "problem"),
     [
         (None, "neither `kinematics:` nor `dh_theta:`"),

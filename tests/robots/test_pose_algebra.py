@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.robots.pose import (
     Pose,
     adder_to,
@@ -84,8 +85,8 @@ def test_matrix_and_rotation_vector_are_inverse(rotvec: Vector3) -> None:
     assert sqrt(sum(c * c for c in back)) <= pi + TOLERANCE
 
 
-@pytest.mark.parametrize("angle", [1e-12, 1e-8, 0.5, pi - 1e-6, pi - 1e-9])
-@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (-0.48, 0.6, 0.64)])
+@each_row("angle", [1e-12, 1e-8, 0.5, pi - 1e-6, pi - 1e-9])
+@each_row("axis", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (-0.48, 0.6, 0.64)])
 def test_rotation_vector_keeps_its_precision(axis: Vector3, angle: float) -> None:
     rotvec = tuple(angle * c for c in axis)
     assert matrix_to_rotvec(rotvec_to_matrix(*rotvec)) == pytest.approx(rotvec, rel=1e-12, abs=1e-15)
@@ -206,7 +207,7 @@ def test_wrench_of_a_lever() -> None:
     assert wrench_trans((2, 0, 0, 0, 0, 0), (0, 10, 0, 0, 0, 20)) == pytest.approx((0, 10, 0, 0, 0, 0))
 
 
-@pytest.mark.parametrize("function", [pose_trans, pose_add, pose_sub, point_dist, wrench_trans])
+@each_row("function", [pose_trans, pose_add, pose_sub, point_dist, wrench_trans])
 def test_five_numbers_are_not_a_pose(function) -> None:
     with pytest.raises(ValueError, match="unpack"):
         function((1.0, 2.0, 3.0, 4.0, 5.0), IDENTITY)

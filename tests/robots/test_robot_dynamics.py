@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from tests.rows import each_row
 from urproto.robots import MODELS, load_model
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.model import DH
@@ -94,7 +95,7 @@ def test_dynamics_do_not_depend_on_link_frames(name: str, dynamics: Dynamics) ->
         assert dynamics.inverse_dynamics(q, qd, qdd) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("calibrated", [False, True])
+@each_row("calibrated", [False, True])
 def test_plain_python_agrees_with_pinocchio(name: str, calibrated: bool) -> None:
     model = load_model(name)
     if calibrated:
@@ -120,7 +121,7 @@ def test_plain_python_agrees_with_pinocchio(name: str, calibrated: bool) -> None
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max()))
 
 
-@pytest.mark.parametrize("kind", [Dynamics, PlainDynamics])
+@each_row("kind", [Dynamics, PlainDynamics])
 def test_combined_torques_and_momentum_equal_separate_results(name: str, kind: type) -> None:
     dynamics = kind(load_model(name))
     dynamics.set_payload(2.0, (0.01, -0.02, 0.05))
@@ -251,7 +252,7 @@ def test_coriolis_torques_do_the_work_that_changes_the_inertia(dynamics: Dynamic
         assert np.dot(qd, dynamics.coriolis_torques(q, qd)) == pytest.approx(expected, rel=1e-5, abs=1e-5)
 
 
-@pytest.mark.parametrize("tcp", [None, TOOL])
+@each_row("tcp", [None, TOOL])
 def test_jacobian_time_derivative(name: str, dynamics: Dynamics, tcp: tuple[float, ...] | None) -> None:
     kinematics, step = Kinematics(load_model(name).dh), 1e-6
     for q, qd, _ in states(5, 8):

@@ -10,6 +10,7 @@ import pytest
 import ur_analytic_ik
 from kinematics_oracle import product_of_links, transform
 
+from tests.rows import each_row
 from urproto.robots import MODELS, Joints, load_model
 from urproto.robots.kinematics import Kinematics
 from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans
@@ -99,7 +100,7 @@ def test_elbow_is_at_the_end_of_the_second_link(name: str, kinematics: Kinematic
 # Jacobian
 
 
-@pytest.mark.parametrize("tcp", [None, TOOL])
+@each_row("tcp", [None, TOOL])
 def test_jacobian_is_the_rate_of_the_pose(kinematics: Kinematics, tcp: Pose | None) -> None:
     step = 1e-6
     for q in (*configurations(10, 7), *singular_configurations(10, 8)):
@@ -113,7 +114,7 @@ def test_jacobian_is_the_rate_of_the_pose(kinematics: Kinematics, tcp: Pose | No
             assert [row[joint] for row in rows] == pytest.approx(rate, abs=1e-8)
 
 
-@pytest.mark.parametrize("tcp", [None, TOOL])
+@each_row("tcp", [None, TOOL])
 def test_the_twist_is_the_jacobian_times_the_joint_speeds(kinematics: Kinematics, tcp: Pose | None) -> None:
     source = random.Random(9)
     for q in (*configurations(20, 7), *singular_configurations(20, 8)):
@@ -122,7 +123,7 @@ def test_the_twist_is_the_jacobian_times_the_joint_speeds(kinematics: Kinematics
         assert kinematics.twist_at(q, qd, kinematics.forward(q, tcp)) == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize("tcp", [None, TOOL])
+@each_row("tcp", [None, TOOL])
 def test_joint_torques_of_a_wrench_do_its_work(kinematics: Kinematics, tcp: Pose | None) -> None:
     source = random.Random(9)
     for q in (*configurations(20, 7), *singular_configurations(20, 8)):
@@ -180,7 +181,7 @@ def test_inverse_of_forward_on_singular_configurations(kinematics: Kinematics) -
         assert found == pytest.approx(q, abs=1e-3)
 
 
-@pytest.mark.parametrize("q5", [0.0, pi, -pi])
+@each_row("q5", [0.0, pi, -pi])
 def test_singular_wrist_keeps_joint_6(kinematics: Kinematics, q5: float) -> None:
     for q in configurations(100, 12):
         posture = (*q[:4], q5, 1.2)
@@ -303,7 +304,7 @@ def test_five_joints_are_refused() -> None:
         Kinematics(load_model("ur3").dh).forward((0.0,) * 5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("model", "q", "elbow"),
     # captures that tests/golden/README.md names: simulators of 5.24 and an early 5.x, a UR10 arm
     [

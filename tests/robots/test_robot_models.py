@@ -7,6 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 
+from tests.rows import each_row
 from urproto.robots import MODELS, START_Q, Link, RobotModel, UnknownModelError, load_model
 from urproto.robots.model import _DATA
 from urproto.versions import Series
@@ -43,7 +44,7 @@ def test_ur5e_matches_its_simulator() -> None:
     assert (model.v_tool_default, model.a_tool_default, model.eq_radius) == (0.25, 1.2, 0.25)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "total_kg"),
     # sums of the masses of the moving links in Universal_Robots_ROS2_Description
     [
@@ -62,7 +63,7 @@ def test_moving_mass(name: str, total_kg: float) -> None:
     assert sum(link.mass_kg for link in load_model(name).links) == pytest.approx(total_kg)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_plausible(name: str) -> None:
     model = load_model(name)
     assert model.title.lower().replace(" ", "") == model.name == name
@@ -73,7 +74,7 @@ def test_plausible(name: str) -> None:
     assert all(value > 0.0 for value in (*model.torque_max, *model.torque_constants, model.payload_max_kg))
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_inertias_are_physically_possible(name: str) -> None:
     for link in load_model(name).links:
         smallest, middle, largest = np.linalg.eigvalsh(tensor(link))
@@ -81,8 +82,8 @@ def test_inertias_are_physically_possible(name: str) -> None:
         assert smallest + middle >= largest * (1 - 1e-9)  # no body is flatter than flat
 
 
-@pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("index", [1, 2])
+@each_row("name", MODELS)
+@each_row("index", [1, 2])
 def test_long_links_lie_along_their_x_axis(name: str, index: int) -> None:
     link = load_model(name).links[index]
     moments, axes = np.linalg.eigh(tensor(link))
@@ -93,7 +94,7 @@ def test_long_links_lie_along_their_x_axis(name: str, index: int) -> None:
     assert abs(link.com_m[1]) < 0.001
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_every_number_has_a_source(name: str) -> None:
     """A comment is on the line, or at the beginning of its block of lines (or the mass section)."""
     covered = False
@@ -124,7 +125,7 @@ def test_models_are_shared_and_immutable() -> None:
         model.name = "mine"  # type: ignore[misc]  # the point of the test
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("before", "after", "complaint"),
     [
         ("reach_m = 0.5", "", r"ur3.toml: reach_m is missing"),
@@ -158,7 +159,7 @@ def test_the_wrists_of_the_smallest_arms_accelerate_faster(name: str) -> None:
 MOTORS_NM_A = {0: 0.037543, 1: 0.07695, 2: 0.10756, 3: 0.098322, 4: 0.11968}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "sizes"),
     [
         ("ur3e", (2, 2, 1, 0, 0, 0)),

@@ -24,6 +24,7 @@ from client.cli import app
 from client.controllers.configuration import read_controllers
 from client.ros2.message_packages import MessagePackages
 from client.ros2.overlay import write_overlay
+from tests.rows import each_row
 from urproto.controlapi import RemoteControl
 from urproto.robots import MODELS, Calibration, load_model
 from urproto.robots.description import urdf
@@ -138,7 +139,7 @@ def options_of(command):
     return {(word, following) if not following.startswith("--") else (word,) for word, following in words}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("given", "expected"),
     [
         ({}, {("--robot-ip", "10.0.0.1"), ("--no-headless",), ("--ur-type", "ur5e"), ("--tf-prefix", "")}),
@@ -244,7 +245,7 @@ def filled(text, names):
     return re.sub(r"\$\{(.*?)\}", lambda found: str(eval(found[1], {}, names)), text)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@each_row("name", MODELS)
 def test_the_macro_of_an_arm_is_its_urdf(overlay, name):
     """With the files of the package; `calibrated` ones move the joints' frames."""
     share = overlay / "share/ur_description"

@@ -17,6 +17,7 @@ from client.errors import Ros2Error
 from client.ros2 import message_packages
 from client.ros2.message_builder import python_folder, rosidl
 from client.ros2.message_packages import DISTRIBUTIONS, PACKAGES, Ros2Installation, definitions, ensure
+from tests.rows import each_row
 
 HERE = Path(__file__).parent
 
@@ -44,7 +45,7 @@ def published() -> dict[str, dict[str, str]]:
     return hashes
 
 
-@pytest.mark.parametrize("distribution", DISTRIBUTIONS)
+@each_row("distribution", DISTRIBUTIONS)
 def test_messages_have_the_published_type_hashes(distribution):
     """As rosbags computes them, which shares nothing with rosidl."""
     store = get_typestore(Stores.ROS2_HUMBLE if distribution == "humble" else Stores.ROS2_JAZZY)
@@ -59,7 +60,7 @@ def test_messages_have_the_published_type_hashes(distribution):
     }
 
 
-@pytest.mark.parametrize("distribution", DISTRIBUTIONS)
+@each_row("distribution", DISTRIBUTIONS)
 def test_there_is_a_definition_of_every_published_type(distribution):
     ours = {
         f"{package}/{file.rsplit('.', 1)[0]}" for package in PACKAGES for file in definitions(package, distribution)

@@ -13,15 +13,14 @@ from ros2_rig import HOST, SCALED, Lab
 
 from client.controllers.remote import RemoteManager
 from client.ros2 import topics
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("ros2")]
 
 
-@pytest.mark.parametrize(
-    ("mode", "published"), [(0, True), (7, True), (127, True), (-1, False), (128, False), (10**6, False)]
-)
+@each_row(("mode", "published"), [(0, True), (7, True), (127, True), (-1, False), (128, False), (10**6, False)])
 async def test_a_mode_that_no_controller_has_is_not_published(mode: int, published: bool) -> None:
     message = SimpleNamespace(mode=None)
     assert topics._mode(message, mode, topics.PublishingContext()) is published

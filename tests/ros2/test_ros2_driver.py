@@ -21,6 +21,7 @@ from client.ros2.host import NodeHost, interface_if_any
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 from urproto.robots import load_model
@@ -129,7 +130,7 @@ async def test_a_robot_that_goes_and_comes_back_finds_the_driver_where_it_was() 
 
 
 @pytest.mark.asyncio(loop_scope="function")
-@pytest.mark.parametrize(
+@each_row(
     ("options", "words"),
     [
         ({"tf_prefix": "left-"}, "is not a valid prefix"),

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from emulator import script_cli as cli
+from tests.rows import each_row
 from urscript.scripttest.program import Source
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,7 +73,7 @@ ASSERTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("body", "problem"), ASSERTIONS, ids=[body.partition("\n")[0] for body, _ in ASSERTIONS])
+@each_row(("body", "problem"), ASSERTIONS, ids=[body.partition("\n")[0] for body, _ in ASSERTIONS])
 def test_assertions(body: str, problem: str, go: Go) -> None:
     status, out = go(one(body))
     assert status == int(bool(problem)), out
@@ -115,7 +116,7 @@ SETTINGS = [
 ]
 
 
-@pytest.mark.parametrize(("body", "settings", "problem"), SETTINGS, ids=[text for _, text, _ in SETTINGS])
+@each_row(("body", "settings", "problem"), SETTINGS, ids=[text for _, text, _ in SETTINGS])
 def test_settings(body: str, settings: str, problem: str, go: Go) -> None:
     status, out = go(one(body, yaml=settings))
     assert status == int(bool(problem)), out
@@ -173,7 +174,7 @@ def test_files_of_another_runner(go: Go) -> None:
     assert "open: False is not True" in out
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "is_program", "definitions"),
     [
         ("def cell():\nend\n", True, [("cell", 1)]),

@@ -23,6 +23,7 @@ from emulator.faults.injector import FaultInjector
 from emulator.machine import ControllerConfig
 from emulator.reports import write_crash
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import PopupMessage, TextMessage
@@ -190,7 +191,7 @@ def numbers(kind: Any) -> bool:
     return any(own in (int, float) for own in (kind, *get_args(kind)))
 
 
-@pytest.mark.parametrize("number", ["1e308", "-1e308", "1e29", "1e999", f"1{'0' * 400}", "9223372036854775808", "-1"])
+@each_row("number", ["1e308", "-1e308", "1e29", "1e999", f"1{'0' * 400}", "9223372036854775808", "-1"])
 def test_no_verb_fails_for_a_number(tmp_path: Path, number: str) -> None:
     robot = Robot(tmp_path)
     for name, verb in VERBS.items():

@@ -18,6 +18,7 @@ from emulator.config import EmulatorConfig
 from emulator.first_screen import first_screen
 from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.rtde.codec import GetVersion, RequestProtocol, RTDEDecoder, SetupOutputs, Start
@@ -107,7 +108,7 @@ async def test_modbus_uses_a_free_port_if_its_default_is_taken() -> None:
         assert (emulator.ports["modbus"], emulator.port_fallbacks) == (20_502, {})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("model", "host", "remote_control", "shown"),
     [
         ("ur5e", "127.94.7.1", False, True),

@@ -23,6 +23,7 @@ from emulator.robotapi.server import RobotApiCall
 from emulator.virtual import VirtualRobot
 from emulator.workshare import WORK_PER_SECOND, Job, WorkShare
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -59,7 +60,7 @@ def run(controller: Controller, command: Command, times: int) -> list[Any]:
     return answers
 
 
-@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in NOT_HERE])
+@each_row("name", [name for name in COMMANDS if name not in NOT_HERE])
 def test_every_dashboard_command_is_paid_for(name: str, tmp_path: Path) -> None:
     (tmp_path / "good.script").write_text("set_digital_out(0, True)\n")
     controller = robot(tmp_path)
@@ -70,7 +71,7 @@ def test_every_dashboard_command_is_paid_for(name: str, tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) < 50
 
 
-@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda each: f"{each.endpoint.method} {each.endpoint.path}")
+@each_row("operation", OPERATIONS, ids=lambda each: f"{each.endpoint.method} {each.endpoint.path}")
 def test_every_request_of_the_robot_api_is_paid_for(operation: Any, tmp_path: Path) -> None:
     controller = robot(tmp_path, "10.12")
     arguments: tuple[Any, ...] = ("x",) if operation.named else (Upload(b"x"),) if operation.upload else ()
@@ -155,7 +156,7 @@ def steps_of(path: Path) -> Any:
     return load_steps(path, path.parent, InstallationFile(), version, CompiledTexts())
 
 
-@pytest.mark.parametrize("name", FILES)
+@each_row("name", FILES)
 def test_files_beyond_a_limit_are_refused_by_name_and_in_small_steps(name: str, tmp_path: Path) -> None:
     content, problem = FILES[name]
     path = tmp_path / name
@@ -167,7 +168,7 @@ def test_files_beyond_a_limit_are_refused_by_name_and_in_small_steps(name: str, 
     assert max(work, default=0) <= limit
 
 
-@pytest.mark.parametrize("suffix", [".urp", ".script", ".installation", ".urpx"])
+@each_row("suffix", [".urp", ".script", ".installation", ".urpx"])
 def test_a_sparse_file_costs_no_memory(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"sparse{suffix}"
     with path.open("wb") as file:

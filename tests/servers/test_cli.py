@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from emulator.cli import app
+from tests.rows import each_row
 from urproto.compat import module_command
 from urproto.controlapi import RemoteControl
 
@@ -151,7 +152,7 @@ def test_a_port_in_use(tmp_path: Path) -> None:
     assert done.stderr == expected
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "problem"),
     [
         (["--model", "ur4"], "unknown robot model 'ur4': choose one of"),

@@ -6,6 +6,7 @@ import pytest
 
 from emulator import clock as clock_module
 from emulator.clock import ClockStatistics, RealClock, StepClock
+from tests.rows import each_row
 
 MS = 1_000_000
 
@@ -127,7 +128,7 @@ def test_a_machine_that_is_too_slow_builds_up_no_backlog(
     assert len(caplog.records) <= 3
 
 
-@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
+@each_row("speed", [0.0, -1.0, float("nan")])
 def test_impossible_speeds_are_refused(speed: float) -> None:
     with pytest.raises(ValueError, match="speed"):
         RealClock(0.002, speed)

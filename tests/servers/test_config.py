@@ -15,6 +15,7 @@ from emulator.config import (
 )
 from emulator.machine import ControllerConfig
 from emulator.ports import PORTS
+from tests.rows import each_row
 from urproto.joints import JOINT_NAMES
 from urproto.robots import MODELS, Calibration, calibration_hash, load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -48,19 +49,19 @@ def test_versions() -> None:
     assert choose_version("5.9", ur5e) == PolyscopeVersion(5, 9)
 
 
-@pytest.mark.parametrize(("model", "text"), [("ur3", "5.22"), ("ur3", "3.16"), ("ur5e", "3.15.8")])
+@each_row(("model", "text"), [("ur3", "5.22"), ("ur3", "3.16"), ("ur5e", "3.15.8")])
 def test_versions_the_arm_never_ran(model: str, text: str) -> None:
     with pytest.raises(ConfigError, match="requires PolyScope"):
         choose_version(text, load_model(model))
 
 
-@pytest.mark.parametrize("text", ["", "new", "5", "5.x", "-5.1"])
+@each_row("text", ["", "new", "5", "5.x", "-5.1"])
 def test_invalid_versions(text: str) -> None:
     with pytest.raises(ConfigError, match="is not a PolyScope version"):
         choose_version(text, load_model("ur5e"))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("model", "text", "problem"),
     [
         ("ur5e", "10.6", "emulated from 10.7 to 10.13"),
@@ -102,7 +103,7 @@ def test_initial_positions(tmp_path: Path) -> None:
     assert read_initial_positions(path, load_model("ur3")) == (0.0, -1.57, 0.0, -1.57, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "problem"),
     [
         ("", "must give radians for each of"),
@@ -177,7 +178,7 @@ def test_calibration_files(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> 
     assert "its hash is calib_1, but that of its parameters is calib_" in caplog.text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "problem"),
     [("kinematics: {shoulder: [", "is not YAML"), ("a: 1", "neither"), ("kinematics: {}", "shoulder is missing")],
 )

@@ -11,6 +11,7 @@ from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
 from emulator.servers import http
+from tests.rows import each_row
 from urproto.robots import load_model
 
 HOST = b"Host: 127.0.0.1\r\n"
@@ -77,7 +78,7 @@ def parsed(answer: bytes) -> tuple[int, dict[str, str], bytes]:
     return int(line.split()[1]), headers, body
 
 
-@pytest.mark.parametrize("name", CASES)
+@each_row("name", CASES)
 async def test_http(emulator: Emulator, name: str) -> None:
     request, status, wanted, has_body = CASES[name]
     request = request.replace(b"\r\nHost", b"\r\nAuthorization: Bearer t\r\nHost", 1)

@@ -18,6 +18,7 @@ from emulator.readiness import NotReady, check_ready
 from emulator.servers.hooks import Direction
 from emulator.servers.interpreter import InterpreterServer
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.interpreter import MAX_LINE
 from urproto.robots import load_model
@@ -117,7 +118,7 @@ def test_hooks_see_lines(server: InterpreterServer, controller: FakeController) 
     assert client.take() == f"{Direction.SENT.value} ack\n".encode()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("model", "version", "there"), [("ur3", "3.14", 0), ("ur3", "3.15", 1), ("ur5e", "5.9", 0), ("ur5e", "5.10", 1)]
 )
 def test_versions(model: str, version: str, there: bool) -> None:

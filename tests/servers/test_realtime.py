@@ -17,6 +17,7 @@ import pytest
 from emulator import realtime
 from emulator.logs import BackgroundStream
 from emulator.realtime import Overload
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.testing.process import EmulatorProcess
 
@@ -144,7 +145,7 @@ threading.Thread(target=work).start()
         assert not any(f"(process {process.pid})" in one for one in realtime.real_time_clients())
 
 
-@pytest.mark.parametrize("mode", ["auto", "on", "off"])
+@each_row("mode", ["auto", "on", "off"])
 def test_granted_realtime_settings_are_reported_and_effective(mode: str) -> None:
     if mode == "on" and not FIFO_ALLOWED:
         pytest.skip("only administrators may require it here")

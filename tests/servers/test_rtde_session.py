@@ -9,6 +9,7 @@ from server_rig import CB3, E_SERIES
 
 from emulator.servers.rtde_session import TRANSITIONS, RTDEHost, RTDESession, SessionEvent, SessionState
 from emulator.snapshot import Snapshot
+from tests.rows import each_row
 from urproto.rtde.codec import (
     ClientMessage,
     GetVersion,
@@ -105,7 +106,7 @@ def test_protocol_1_has_neither_frequency_nor_recipe_id(host: RTDEHost) -> None:
     assert client.packages(1) == [struct.pack(">HBBd", 12, ord("U"), 1, 41.5)]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("version", "frequency_hz", "every"),
     [
         (CB3, 125.0, 1),
@@ -133,7 +134,7 @@ def test_frequency_is_rounded_to_whole_periods(version: PolyscopeVersion, freque
     assert sent == [index >= every and index % every == 0 for index in range(len(sent))]
 
 
-@pytest.mark.parametrize(("first_hz", "then_hz", "every"), [(0.01, 125.0, 1), (1.0, 25.0, 5), (125.0, 25.0, 5)])
+@each_row(("first_hz", "then_hz", "every"), [(0.01, 125.0, 1), (1.0, 25.0, 5), (125.0, 25.0, 5)])
 def test_a_frequency_changed_while_running_applies_from_the_next_package(
     first_hz: float, then_hz: float, every: int
 ) -> None:

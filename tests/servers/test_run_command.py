@@ -16,6 +16,7 @@ import pytest
 from emulator import script_cli as cli
 from emulator.peers.file import read_peers
 from emulator.peers.log import PeersError
+from tests.rows import each_row
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
 from urproto.trace.page import run_in
@@ -178,7 +179,7 @@ def test_a_program_that_a_watchdog_stops_has_failed(go: Go) -> None:
     assert "finished" not in out.splitlines()[-1]
 
 
-@pytest.mark.parametrize("end", ["halt", "return None", "sync()"])
+@each_row("end", ["halt", "return None", "sync()"])
 def test_a_program_that_reaches_its_end_has_not_failed(go: Go, end: str) -> None:
     status, out = go(f"def f():\n  sleep(0.1)\n  {end}\nend\n")
     assert (status, out.splitlines()[-1]) == (0, "result  finished")
@@ -304,7 +305,7 @@ def test_invalid_usage(options: list[str], tmp_path: Path, capsys: pytest.Captur
     assert "urscript run: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("options", [["--speed", "0"], ["--speed", "quick"], ["--timeout", "-1"]])
+@each_row("options", [["--speed", "0"], ["--speed", "quick"], ["--timeout", "-1"]])
 def test_invalid_numbers(options: list[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.main(["run", "a.script", *options])
@@ -436,7 +437,7 @@ def test_invalid_run_options(
     assert complaint in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "complaint"),
     [
         ("- 1", "must be a mapping, not a list"),

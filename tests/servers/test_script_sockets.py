@@ -16,6 +16,7 @@ from emulator.machine import ControllerConfig
 from emulator.servers import script_sockets
 from emulator.servers.script_sockets import NetworkSockets
 from emulator.services.sockets import ScriptNetwork, ScriptSocket
+from tests.rows import each_row
 from urproto.backdoors import BackdoorMark, is_backdoor
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
@@ -163,7 +164,7 @@ async def test_loopback_addresses(
     await sockets.close()
 
 
-@pytest.mark.parametrize("address", ["127.8.9.10", "::1", "::ffff:127.0.0.1"])
+@each_row("address", ["127.8.9.10", "::1", "::ffff:127.0.0.1"])
 async def test_every_spelling_of_loopback_is_recognised(address: str) -> None:
     assert len(await NetworkSockets(ScriptNetwork.LOOPBACK)._permitted(address, 80)) == 1
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from emulator.servers.send_scheduler import PACKAGES_PER_SECOND, SendScheduler, StateFeed
+from tests.rows import each_row
 
 PERIOD_S = 0.002
 MAX_PER_PERIOD = round(PACKAGES_PER_SECOND * PERIOD_S)
@@ -32,7 +33,7 @@ def publish(scheduler: SendScheduler, listeners: list[Listener], step: int) -> i
     return sum(len(listener.seen) for listener in listeners) - before
 
 
-@pytest.mark.parametrize("count", [1, 5, MAX_PER_PERIOD])
+@each_row("count", [1, 5, MAX_PER_PERIOD])
 def test_few_clients_get_each_package_in_its_period(count: int) -> None:
     scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(count)]
     for step in range(1, 50):
@@ -149,7 +150,7 @@ class Failing(Listener):
             raise OSError("a hook failed")
 
 
-@pytest.mark.parametrize("place", [0, 1, 2])
+@each_row("place", [0, 1, 2])
 def test_a_failing_client_does_not_silence_the_others(place: int) -> None:
     scheduler, feed = SendScheduler(PERIOD_S), StateFeed()
     listeners = [Failing() if number == place else Listener() for number in range(3)]

@@ -20,6 +20,7 @@ from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.primary_state import robot_state
 from emulator.servers.rtde import RTDEServer
 from emulator.snapshot import Snapshot
+from tests.rows import each_row
 from urproto.modes import SafetyMode
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import SafetyModeMessage, TextMessage, UnknownMessage, VersionMessage
@@ -240,7 +241,7 @@ def test_version_message_comes_first_and_alone(controller: FakeController) -> No
 AFTER_VERSION = bytes.fromhex("00000018 14 ffffffffffffffff fe 0c 00000000 00000000 01")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("version", "behind"),
     [("3.2", b""), ("3.15.8", AFTER_VERSION), ("5.0.5", AFTER_VERSION), ("5.11.11", AFTER_VERSION)],
 )

@@ -17,6 +17,7 @@ from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer
 from emulator.servers.web import Opening, visitor
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.robotiq import MODELS
 from urproto.robots import load_model
 from urproto.rtde.codec import InputData, SetupInputs
@@ -84,8 +85,8 @@ def send(fake: FakeController, server: PortServer, pieces: list[bytes]) -> Memor
     return client
 
 
-@pytest.mark.parametrize("port", [port for port in PORTS if port != "tool line"])
-@pytest.mark.parametrize("what", SENT)
+@each_row("port", [port for port in PORTS if port != "tool line"])
+@each_row("what", SENT)
 def test_browser_requests_are_not_executed_in_any_split(
     ports: tuple[FakeController, dict[str, PortServer]], port: str, what: str
 ) -> None:
@@ -170,9 +171,9 @@ def test_the_requests_would_be_executed_without_the_check(
     assert bool(fake.commands) is not judged
 
 
-@pytest.mark.parametrize("port", TEXT_PORTS)
-@pytest.mark.parametrize("chunk", [1, 4096])
-@pytest.mark.parametrize(
+@each_row("port", TEXT_PORTS)
+@each_row("chunk", [1, 4096])
+@each_row(
     "data",
     [
         SCRIPT,

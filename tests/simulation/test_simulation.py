@@ -21,12 +21,13 @@ from client import AsyncRobot
 from client.driver import URDriver, points
 from client.errors import LateSetpointError, MotionError, NoAnswerError, ProgramEndedError
 from client.primary import PrimaryClient
+from tests.rows import each_row
 from tests.simulation.clients import NEAR_RAD, play_seed
 from tests.simulation.scenario import HOME, PC, ROBOT, Scenario, play
 from urproto.errors import RobotRefused, URError
 from urproto.modes import RobotMode
 
-NOW: Final = 8  # about a second of CPU time each
+NOW: Final = 4  # about a second of CPU time each
 SEEDS: Final = int(os.environ.get("SIMULATED_SEEDS", "200"))
 FROM: Final = int(os.environ.get("SIMULATED_FROM", "1"))
 AT_ONCE: Final = 200  # seeds of a test, of which each worker takes some
@@ -430,7 +431,7 @@ async def again(call: Callable[[], Awaitable[None]]) -> None:
             await asyncio.sleep(0.5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "kind",
     [
         RestartDuringUse,

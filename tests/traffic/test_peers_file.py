@@ -14,6 +14,7 @@ from client.traffic.proxy import Proxy, peer_routes
 from client.traffic.recording import Conversation, Piece
 from emulator.peers.connection import PeerSocket
 from emulator.peers.file import parse_peers, read_peers
+from tests.rows import each_row
 from urproto.modbus import Frame, Function, ModbusRequest, encode_frame, encode_request, encode_response
 
 HOST, PORT = "127.87.0.1", 50123
@@ -51,7 +52,7 @@ SOCKETS = {
 }
 
 
-@pytest.mark.parametrize("case", SOCKETS)
+@each_row("case", SOCKETS)
 def test_sockets(case: str) -> None:
     conversations, expected = SOCKETS[case]
     content = peers_of(conversations)

@@ -25,6 +25,7 @@ from client.traffic.tracks import tracks_of
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 
@@ -245,7 +246,7 @@ async def test_ctrl_c_ends_the_command_with_a_complete_recording(tmp_path):
     assert (one.port, one.sent(from_server=True)) == (54321, b"cba")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "message"),
     [
         (["--ports", "rtd"], "'rtd' is not a port of a robot: did you mean rtde?"),

@@ -19,6 +19,7 @@ from client.cli import app
 from client.decoding.packets import SocketAddress
 from client.errors import FileError
 from client.traffic.recording import TrafficRecorder, TrafficRecording
+from tests.rows import each_row
 
 PIECES = st.lists(st.tuples(st.integers(0, 2), st.booleans(), st.binary(min_size=1, max_size=300)), max_size=30)
 PORTS = (30004, 29999, 50001)
@@ -90,7 +91,7 @@ def test_wireshark_reports_no_errors(tmp_path):
     assert (found.returncode, found.stdout) == (0, "")
 
 
-@pytest.mark.parametrize("client", ["fd00::2", "10.0.0.2", "fe80::1%eth0"])
+@each_row("client", ["fd00::2", "10.0.0.2", "fe80::1%eth0"])
 def test_ipv4_and_ipv6_addresses(tmp_path, client):
     recorder = TrafficRecorder(tmp_path / "file")
     recorder.connection(SocketAddress(client, 5000), SocketAddress("fd00::1", 29999)).data(True, b"power on\n")

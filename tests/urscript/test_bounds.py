@@ -4,6 +4,7 @@ import gc
 
 import pytest
 
+from tests.rows import each_row
 from urproto.versions import PolyscopeVersion
 from urscript import compiler
 from urscript.builtins import LibrarySet
@@ -29,7 +30,7 @@ def error_of(text: str) -> CompileError:
     return caught.value
 
 
-@pytest.mark.parametrize("text", ["a=1 " * 5000, "\n" * 20000, "# note\n" * 20000, "@" * 20000, "(" * 20000])
+@each_row("text", ["a=1 " * 5000, "\n" * 20000, "# note\n" * 20000, "@" * 20000, "(" * 20000])
 def test_a_text_of_any_shape_is_tokenized_in_short_steps(text: str) -> None:
     steps = list(tokenize(text))
     assert len(steps) > 400
@@ -89,7 +90,7 @@ def test_the_text_of_a_long_list_costs_what_it_is_worth() -> None:
     assert long > 50_000 > 2000 > -METER.left
 
 
-@pytest.mark.parametrize(
+@each_row(
     "expression",
     ["__builtins__", "__import__", "open", "globals", "METER", "_meter", "b_textmsg", "v_a", "__name__", "self"],
 )
@@ -106,7 +107,7 @@ def test_a_program_has_a_largest_number_of_defs(body: str) -> None:
     assert error.line == 2 + (3 if body else 2) * 5000
 
 
-@pytest.mark.parametrize("sign", ["+", "*", " and "])
+@each_row("sign", ["+", "*", " and "])
 def test_a_long_chain_of_operators_is_compiled_or_refused_with_advice(sign: str) -> None:
     assert compile_text(f"a = {sign.join(['True'] * 140)}\n")
     assert (
@@ -115,9 +116,7 @@ def test_a_long_chain_of_operators_is_compiled_or_refused_with_advice(sign: str)
     )
 
 
-@pytest.mark.parametrize(
-    "data", [b"\x1c", b"\x85\n", "\u2003".encode(), b"def f():\nend\n\x1f\n", b"# Gr\xfc\xdfe\na = 1\n"]
-)
+@each_row("data", [b"\x1c", b"\x85\n", "\u2003".encode(), b"def f():\nend\n\x1f\n", b"# Gr\xfc\xdfe\na = 1\n"])
 def test_a_file_of_odd_blanks_is_read(data: bytes) -> None:
     file = ScriptFile("odd.script", data)
     assert (file.problems(LIBRARY_SET, VERSION) == []) is data.startswith(b"#")

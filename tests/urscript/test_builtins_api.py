@@ -4,6 +4,7 @@ from collections.abc import Generator
 
 import pytest
 
+from tests.rows import each_row
 from urproto.versions import PolyscopeVersion
 from urscript import Library, LibrarySet, Runtime, RuntimeFault, compile_script
 from urscript.builtins import OMITTED
@@ -101,14 +102,14 @@ def one_parameter(kind):
     return declare(f).bind(None)
 
 
-@pytest.mark.parametrize(("kind", "given", "arrives"), ACCEPTED)
+@each_row(("kind", "given", "arrives"), ACCEPTED)
 def test_accepted(kind, given, arrives):
     found = one_parameter(kind)(given)
     assert list(found) == list(arrives) if isinstance(arrives, list) else found == arrives
     assert type(found) is type(given) or kind in (Int, int)
 
 
-@pytest.mark.parametrize(("kind", "given"), MISMATCHED)
+@each_row(("kind", "given"), MISMATCHED)
 def test_mismatched(kind, given):
     with pytest.raises(RuntimeFault, match="Type error: argument 'a' of f expected type"):
         one_parameter(kind)(given)

@@ -9,6 +9,7 @@ import pytest
 
 from client.driver.control_program import ControlProgram
 from emulator.builtins import LIBRARIES
+from tests.rows import each_row
 from urproto.versions import PolyscopeVersion
 from urscript import CompileError, LibrarySet, compile_script, hints
 from urscript.files import ScriptFile
@@ -104,7 +105,7 @@ LINES = [
 ]
 
 
-@pytest.mark.parametrize(("line", "column", "hint"), LINES)
+@each_row(("line", "column", "hint"), LINES)
 def test_a_habit_is_answered_with_what_to_write(line, column, hint):
     found = problems(inside(line))
     assert [message for *place, message in found if place == [3, column] and hint in message], found
@@ -215,7 +216,7 @@ def test_several_lines_may_lack_a_comma():
     assert (line, column, message) == (3, 8, "syntax error: line 3 ends without ',' or ')'")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "call",
     ['socket_send_string("a\\n")', 'socket_send_line(str_cat("a", "\\r"))', 'socket_send_string("a" + end_of_line)'],
 )
@@ -236,12 +237,12 @@ def test_list_methods_are_explained_on_versions_without_them():
     assert not problems(proxy, PolyscopeVersion.parse("5.12"))
 
 
-@pytest.mark.parametrize(("text", "found"), BLOCKS)
+@each_row(("text", "found"), BLOCKS)
 def test_a_lost_end_is_found_where_it_is_missing(text, found):
     assert problems(text) == found
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "version", "hint"),
     [
         (
@@ -285,7 +286,7 @@ WARNINGS = [
 ]
 
 
-@pytest.mark.parametrize(("line", "column", "hint"), WARNINGS)
+@each_row(("line", "column", "hint"), WARNINGS)
 def test_a_call_that_cannot_be_meant_is_warned_of(line, column, hint):
     ((at, where, message),) = problems(inside(line))
     assert (at, where) == (3, column)
@@ -293,7 +294,7 @@ def test_a_call_that_cannot_be_meant_is_warned_of(line, column, hint):
     compile_script(inside(line), LIBRARY_SET, NEWEST)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "line",
     [
         "movej([0, -d2r(90), d2r(90), 0, 0, 6.3])",
@@ -316,12 +317,12 @@ def test_words_of_other_languages_are_free_to_be_names():
     assert problems(f"def f():\n{functions}{uses}end\n") == []
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "examples").rglob("[!t]*.script")), ids=lambda path: path.name)
+@each_row("path", sorted((ROOT / "examples").rglob("[!t]*.script")), ids=lambda path: path.name)
 def test_examples_give_no_hint(path):
     assert ScriptFile.read(str(path)).problems(LIBRARY_SET, NEWEST) == []
 
 
-@pytest.mark.parametrize("version", ["3.15.8", "5.9.4", "5.22"])
+@each_row("version", ["3.15.8", "5.9.4", "5.22"])
 def test_our_control_program_gives_no_hint(version):
     polyscope = PolyscopeVersion.parse(version)
     text = ControlProgram(host="10.0.0.1").render(polyscope)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rows import each_row
 from urscript import Runtime, compile_script, operators
 from urscript.inference import (
     ANYTHING,
@@ -37,7 +38,7 @@ def _both(text):
     return values, lines[0]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("operator", "left", "right", "kind"),
     [
         ("+", INT, INT, INT),
@@ -61,7 +62,7 @@ def test_kinds_of_arithmetic(operator, left, right, kind):
     assert arithmetic(operator, left, right) == kind
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "element"),
     [(INTS, INT), (FLOATS, FLOAT), (BOOLS, BOOL), (VECTOR, NUMBER), (INTS | VECTOR, NUMBER), (OTHER, ANYTHING), (0, 0)],
 )
@@ -164,7 +165,7 @@ def test_inferred_programs_do_what_general_ones_do(block, first, second, loop, i
     _both(text)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "name", "value"),
     [
         ("x = 2147483647\nx = x + 1", "x", ("int", "-2147483648")),
@@ -200,7 +201,7 @@ def test_rules_hold_where_the_operands_are_known(body, name, value):
     assert values[name] == value
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("start", "condition", "steps", "value"),
     [
         (2147483645, "k < 2147483647", ["k = k + 1"], 2147483647),
@@ -224,7 +225,7 @@ def test_counters_wrap_unless_their_loop_bounds_them(start, condition, steps, va
     assert values["x"] == ("int", str(value))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "line"),
     [
         ('q = [1, 2]\nq[0] = "s"\nx = q[0] * 3', 4),  # an element may be anything by then
@@ -257,7 +258,7 @@ def test_a_text_made_to_need_many_rounds_compiles_without_inference():
 # Nobody sees that an element is written in place: whoever else has the list keeps what it was.
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "expected"),
     [
         ("a = [1, 2]\nb = a\na[0] = 9\na[1] = 8", {"a": "[9, 8]", "b": "[1, 2]"}),
@@ -323,7 +324,7 @@ def _program(body, start="0"):
     return f"def p():\nspent = 0\ntotal = 0\n{square}{function}result = h(2)\nend"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "result"),
     [
         ("while i < 6:\ni = i + 1\nif i % 2 == 0:\ncontinue\nend\nj = j + i\nend\nreturn [i, j]", "[6, 12]"),
@@ -345,7 +346,7 @@ def test_what_a_loop_or_an_element_ends_up_as(body, result):
     assert values["result"][1] == result
 
 
-@pytest.mark.parametrize("depth", [17, 18, 19, 20])
+@each_row("depth", [17, 18, 19, 20])
 def test_loops_are_nested_as_deeply_as_the_parser_allows(depth):
     loops = "".join(f"while k < {n + 1}:\nk = k + 1\n" for n in range(depth)) + "end\n" * depth
     values, error_line = _both(f"def p():\ndef h(k):\n{loops}return k\nend\nresult = h(0)\nend")

@@ -4,6 +4,7 @@ from collections.abc import Callable, Generator
 
 import pytest
 
+from tests.rows import each_row
 from urproto.versions import PolyscopeVersion
 from urscript import CompileError, Library, LibrarySet, Runtime, ScriptThread, compile_script
 from urscript.interpreter import CompiledStatement, Locals, compile_statement
@@ -107,7 +108,7 @@ def test_compiling_changes_nothing() -> None:
         session.compile("f()")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "place"),
     [("global new = 1", (1, 8)), ("if True: while False: global new = 1 end end", (1, 30)), ("\n  x = y", (1, 7))],
 )

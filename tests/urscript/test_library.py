@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from tests.rows import each_row
 from urproto.text import from_bytes, to_bytes
 from urscript.errors import RuntimeFault
 from urscript.values import Matrix, Pose, to_text
@@ -100,7 +101,7 @@ CALLS = [
 ]
 
 
-@pytest.mark.parametrize(("call", "value"), CALLS)
+@each_row(("call", "value"), CALLS)
 def test_call(result, call, value):
     found = result(call)
     assert type(found) is type(value)
@@ -145,7 +146,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize("call", REFUSED)
+@each_row("call", REFUSED)
 def test_refused(run, call):
     assert run(f"x = {call}").error is not None
 
@@ -169,7 +170,7 @@ def test_halves_of_a_character_become_one(result):
     assert result('str_len("é" + "\udce9")') == 3
 
 
-@pytest.mark.parametrize(("letter", "size"), [("x", 1), ("\u00fc", 2), ("\udcfc", 1)])
+@each_row(("letter", "size"), [("x", 1), ("\u00fc", 2), ("\udcfc", 1)])
 def test_a_text_has_up_to_1023_bytes_of_whatever_letters(letter, size):
     count, rest = divmod(1023 - len('[""]'), size)
     longest = letter * count + "x" * rest

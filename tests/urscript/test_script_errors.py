@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import urscript
+from tests.rows import each_row
 from urproto.versions import PolyscopeVersion
 from urscript import CompileError, RuntimeFault, ScriptError
 from urscript.arguments import BindingError
@@ -83,7 +84,7 @@ COMPILE_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "column", "wire"), COMPILE_ERRORS)
+@each_row(("text", "line", "column", "wire"), COMPILE_ERRORS)
 def test_broken_program_is_refused_at_its_place(compiled, text, line, column, wire):
     with pytest.raises(CompileError) as caught:
         compiled(text)
@@ -181,7 +182,7 @@ RUNTIME_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "column", "message"), RUNTIME_ERRORS)
+@each_row(("text", "line", "column", "message"), RUNTIME_ERRORS)
 def test_program_stops_at_its_fault(run, text, line, column, message):
     done = run(text)
     assert done.error is not None
@@ -229,7 +230,7 @@ SYNTAX_PROBLEMS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "column", "problem"), SYNTAX_PROBLEMS)
+@each_row(("text", "line", "column", "problem"), SYNTAX_PROBLEMS)
 def test_syntax_error_says_what_is_missing(compiled, text, line, column, problem):
     with pytest.raises(CompileError) as caught:
         compiled(text)
@@ -576,7 +577,7 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "column", "message", "version"), FAULTS)
+@each_row(("text", "line", "column", "message", "version"), FAULTS)
 def test_operators_and_built_ins_say_what_does_not_fit(run, text, line, column, message, version):
     assert run(text, version=version).error == (line, column, message)
 
@@ -617,7 +618,7 @@ MEANINGS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "is_node"), MEANINGS)
+@each_row(("text", "is_node"), MEANINGS)
 def test_what_a_file_is_meant_as(text, is_node):
     file = ScriptFile("my tools.script", text.encode())
     assert file.inlined == is_node
@@ -645,7 +646,7 @@ def test_lines_named_in_a_message_are_those_of_the_file():
     assert problem.message.endswith("the 'if' on line 4 has no 'end', judging by the indentation of line 6")
 
 
-@pytest.mark.parametrize(("text", "places"), FILES)
+@each_row(("text", "places"), FILES)
 def test_everything_that_is_wrong_with_a_file_is_found_at_once(text, places):
     problems = ScriptFile("f", text.encode()).problems(LIBRARY_SET, NEWEST)
     assert [(problem.line, problem.column) for problem in problems] == places
@@ -694,7 +695,7 @@ STATEMENT_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "column", "message"), STATEMENT_ERRORS)
+@each_row(("text", "line", "column", "message"), STATEMENT_ERRORS)
 def test_a_statement_that_does_not_fit_its_program_is_refused(compiled, text, line, column, message):
     with pytest.raises(CompileError, match=message) as caught:
         _compile_statement(compiled, text)

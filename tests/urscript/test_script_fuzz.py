@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.versions import PolyscopeVersion
 from urscript import CompiledProgram, CompileError, LibrarySet, Runtime, compile_script
 from urscript.library import LIBRARIES
@@ -165,9 +166,7 @@ def test_any_expression_has_a_value_or_a_fault(expression):
         assert "internal error" not in runtime.error.message
 
 
-@pytest.mark.parametrize(
-    "piece", ["(", "[", "-", "not ", "x.", "x[", "f(", "1+", "if x:", "def f():", "struct(a=", "p["]
-)
+@each_row("piece", ["(", "[", "-", "not ", "x.", "x[", "f(", "1+", "if x:", "def f():", "struct(a=", "p["])
 def test_deep_nesting_is_refused_politely(piece):
     for count in (100, 1000, 20000):
         with pytest.raises(CompileError):

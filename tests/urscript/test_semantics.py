@@ -2,8 +2,7 @@
 
 import math
 
-import pytest
-
+from tests.rows import each_row
 from urscript.values import Matrix, Pose, Struct
 
 EXPRESSIONS = [
@@ -83,7 +82,7 @@ EXPRESSIONS = [
 ]
 
 
-@pytest.mark.parametrize(("expression", "value"), EXPRESSIONS)
+@each_row(("expression", "value"), EXPRESSIONS)
 def test_expression(result, expression, value):
     found = result(expression)
     assert found == value
@@ -240,7 +239,7 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@each_row("name", PROGRAMS)
 def test_program(run, name):
     text, expected = PROGRAMS[name]
     done = run(f"def prog():\n{text}\nend")

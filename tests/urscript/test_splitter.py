@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.text import to_bytes
 from urscript import CompileError, ScriptSplitter, Unit
 
@@ -37,8 +38,8 @@ STREAMS = [
 ]
 
 
-@pytest.mark.parametrize("size", [1, 2, 7, 1000])
-@pytest.mark.parametrize(("data", "texts"), STREAMS)
+@each_row("size", [1, 2, 7, 1000])
+@each_row(("data", "texts"), STREAMS)
 def test_units(data, texts, size):
     units = split(data, size)
     if texts is not None:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.rows import each_row
 from urscript.runtime import MAX_THREADS, WORK_PER_SECOND
 
 
@@ -131,7 +132,7 @@ def test_the_budget_counts_work_not_time(run):
     assert run(text, frames=20).globals == run(text, frames=20).globals
 
 
-@pytest.mark.parametrize(
+@each_row(
     "loop",
     [
         BUSY,
@@ -158,7 +159,7 @@ def test_no_program_holds_a_frame(run, loop):
     assert main.parked_frames > 0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("bomb", "message"),
     [
         ('s = "x"\nwhile True:\n  s = s + s\nend', "maximum length"),
@@ -211,7 +212,7 @@ def test_a_parked_thread_keeps_others_out_of_its_critical_section(run):
     assert run(text.replace("CRITICAL", "").replace("EXIT", "")).globals["seen"] > 0
 
 
-@pytest.mark.parametrize("wait", ["sync()", "sleep(0.01)", "movej([0,0,0,0,0,0])", "join h"])
+@each_row("wait", ["sync()", "sleep(0.01)", "movej([0,0,0,0,0,0])", "join h"])
 def test_others_run_while_the_holder_waits(run, wait):
     done = run(
         "def f():\n  n = 0\n"

@@ -7,6 +7,7 @@ from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.world.shapes import Frame, Plane, Push, Sphere, WorldObject
 from emulator.world.world import MAX_OBJECTS, POINT
+from tests.rows import each_row
 from urproto.robots import load_model
 
 PUSH = (5.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -93,7 +94,7 @@ def test_the_first_command_creates_the_world():
     assert controller.arm.tcp_force == PUSH
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("wrong", "message"),
     [
         (lambda: Push((1.0, 2.0, 3.0)), "six"),

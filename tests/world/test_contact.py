@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject, contacts, force_of
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.vectors import ZERO6
 
 MASS_KG = 20.0  # of the compliant tool
@@ -104,7 +105,7 @@ def test_a_contact_never_pulls_and_friction_stays_in_its_cone(depth, stiffness, 
         assert (x, y, z) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("speed", "push"), [(-0.1, 40.0), (0.0, 20.0), (0.05, 10.0), (0.1, 0.0), (0.2, 0.0)])
+@each_row(("speed", "push"), [(-0.1, 40.0), (0.0, 20.0), (0.05, 10.0), (0.1, 0.0), (0.2, 0.0)])
 def test_a_damper_resists_approach_but_not_separation(speed, push):
     """20 N of the spring; the damper's 200 N s/m increase them on the way in, and never pull on the way out."""
     force, _ = force_of(0.002, (0.0, 0.0, 1.0), (1e4, 200.0, 0.0), (0.0, 0.0, speed))

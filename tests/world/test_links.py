@@ -8,6 +8,7 @@ import pytest
 
 from emulator.world.links import Links
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject
+from tests.rows import each_row
 from urproto.robots import MODELS, load_model
 from urproto.robots.arm_shapes import link_parts
 from urproto.robots.shapes import ArmCapsules, capsules
@@ -15,8 +16,8 @@ from urproto.robots.shapes import ArmCapsules, capsules
 POSTURES = [(0.3, -1.2, 1.4, -1.9, -1.1, 0.4), (-2.0, -0.4, -1.1, 0.7, 1.9, -0.6)]
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("q", POSTURES)
+@each_row("model", MODELS)
+@each_row("q", POSTURES)
 def test_axes_run_along_the_links(model, q):
     """The wrists' axes end where the Denavit-Hartenberg frames 4 and 5 are; tubes are as long as the table says."""
     robot = load_model(model)
@@ -36,7 +37,7 @@ def test_axes_run_along_the_links(model, q):
     assert wrist_3 == (pytest.approx(origins[4], abs=1e-8), pytest.approx(origins[5], abs=1e-8))
 
 
-@pytest.mark.parametrize("model", MODELS)
+@each_row("model", MODELS)
 def test_link_radii_agree_in_collisions_description_and_pendant(model):
     """In collisions, in the description for planners and on the pendant."""
     robot = load_model(model)

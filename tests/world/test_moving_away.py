@@ -8,11 +8,12 @@ from emulator.commands.requests import DashboardLine
 from emulator.commands.safety import SetSafetyDevice
 from emulator.safety.signals import SafetyDevice
 from emulator.world.file import read_world
+from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
 TABLE = Path(__file__).parents[2] / "examples" / "table.yaml"
-AWAY = {"up": (0.0, 0.0, 0.05), "up and aside": (0.03, 0.02, 0.03), "barely up": (0.05, 0.0, 0.005)}
+AWAY = {"up": (0.0, 0.0, 0.02), "up and aside": (0.012, 0.008, 0.012), "barely up": (0.02, 0.0, 0.002)}
 
 
 def codes(rig):
@@ -55,9 +56,9 @@ def unlocked(make, speed=0.05, **config):
     return rig
 
 
-@pytest.mark.parametrize("direction", AWAY)
-@pytest.mark.parametrize("speed", [0.005, 0.25])
-@pytest.mark.parametrize("impact", [0.05, 0.25])
+@each_row("direction", AWAY)
+@each_row("speed", [0.005, 0.25])
+@each_row("impact", [0.05, 0.25])
 def test_the_arm_can_be_moved_away_in_any_direction_at_any_speed(make, impact, speed, direction):
     rig = unlocked(make, impact)
     before, wanted = rig.pose, AWAY[direction]
@@ -75,8 +76,8 @@ def test_an_arm_with_servo_loops_and_noise_can_be_moved_away(make, speed):
     assert rig.force[2] == pytest.approx(0.0, abs=3.0)
 
 
-@pytest.mark.parametrize("speed", [0.005, 0.05])
-@pytest.mark.parametrize("impact", [0.05, 0.25])
+@each_row("speed", [0.005, 0.05])
+@each_row("impact", [0.05, 0.25])
 def test_moving_further_in_stops_the_arm_again(make, impact, speed):
     rig = unlocked(make, impact)
     height = rig.pose[2]

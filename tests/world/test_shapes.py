@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject
+from tests.rows import each_row
 
 lengths = st.floats(0.01, 0.5)
 places = st.floats(-0.6, 0.6)
@@ -62,7 +63,7 @@ def test_the_probes_of_a_box_are_its_corners_with_a_quarter_face_each():
     assert sum(probe.share for probe in probes if probe.centre[2] < 0) == 1.0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("wrong", "message"),
     [
         (lambda: Sphere(-0.1), "radius"),

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.rows import each_row
 from urproto.modes import RuntimeState
 
 SPEED = 0.05  # m/s
@@ -19,8 +20,8 @@ def steps(rig, direction):
     return rig.now.output_int_registers[0]
 
 
-@pytest.mark.parametrize("model", ["ur3", "ur5e"])
-@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+@each_row("model", ["ur3", "ur5e"])
+@each_row("stiffness", [5e3, 5e4])
 def test_moving_until_contact_and_back_to_its_start(make, model, stiffness):
     """The Script Manual's example: move, check, store where the contact began, stop, go back there."""
     rig = make(model)

@@ -9,6 +9,7 @@ from emulator.config import ConfigError, read_surroundings
 from emulator.world.file import read_world
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject
 from emulator.world.world import POINT
+from tests.rows import each_row
 from urproto.robots import load_model
 from urproto.worldfile import WorldFileError
 
@@ -60,7 +61,7 @@ def test_the_example_file_is_valid():
     assert set(plan.objects) == names
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "message"),
     [
         ("a: [", "not YAML"),

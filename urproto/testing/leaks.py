@@ -5,12 +5,11 @@ import socket
 import threading
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 from urproto.compat import Self
 
-_DESCRIPTORS: Final = Path("/proc/self/fd")
+_DESCRIPTORS: Final = "/proc/self/fd"
 _INTERNET: Final = (socket.AF_INET, socket.AF_INET6)
 _GRACE_S: Final = 1.0  # guess: how long a thread may take to finish after a stop request, or a port to close
 _POLL_S: Final = 0.01
@@ -59,9 +58,9 @@ def listening_sockets() -> set[str]:
     kernel takes a hundred times as long for its table of all connections on the machine.
     """
     found = set()
-    for descriptor in os.listdir(_DESCRIPTORS) if _DESCRIPTORS.exists() else ():
+    for descriptor in os.listdir(_DESCRIPTORS) if os.path.exists(_DESCRIPTORS) else ():
         try:
-            link = os.readlink(_DESCRIPTORS / descriptor)
+            link = os.readlink(f"{_DESCRIPTORS}/{descriptor}")
             port = _listening_port(int(descriptor)) if link.startswith("socket:") else None
         except OSError:  # closed in the meantime, like the descriptor of the listing itself
             continue

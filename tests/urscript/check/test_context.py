@@ -6,6 +6,7 @@ import pytest
 
 from emulator.builtins import LIBRARIES
 from emulator.scripttest.assertions import TestRun, assertions
+from tests.rows import each_row
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
@@ -32,8 +33,8 @@ PROJECTS = [
 ]
 
 
-@pytest.mark.parametrize(("project", "files", "found"), PROJECTS)
-@pytest.mark.parametrize("name", ["urscript.toml", "pyproject.toml"])
+@each_row(("project", "files", "found"), PROJECTS)
+@each_row("name", ["urscript.toml", "pyproject.toml"])
 def test_a_project_file_says_what_surrounds_its_programs(findings, name, project, files, found):
     text = f"[tool.urscript]\n{project}\n" if name == "pyproject.toml" else project
     rows = findings({name: text, "cell/node.script": NODE, **files}, "cell/node.script")
@@ -63,7 +64,7 @@ def test_names_of_urcaps_depend_on_their_version(check, findings):
     assert {"onrobot", "rg-onrobot", "external-control", "machinelogic"} <= set(urcaps())
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "message"),
     [
         ("inclde = []", "unknown key 'inclde'"),
@@ -98,7 +99,7 @@ def test_what_no_program_of_a_project_uses_is_reported(findings):
     assert findings(files, "a.script") == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("comment", "found"),
     [
         ("", [1, 3]),
@@ -240,7 +241,7 @@ RIVALS_TESTS = {
 }
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("files", "file", "expected"),
     [
         (OWN_TESTS, "test_cell.script", [(2, 20, "URS002"), (9, 16, "URS002"), (11, 3, "URS101")]),

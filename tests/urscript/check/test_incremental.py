@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.budget import examples
+from tests.rows import each_row
 from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion
 from urscript.blocks import Blocks
@@ -182,7 +183,7 @@ def test_what_is_kept_changes_nothing(program, count):
         assert found(text, kept) == found(text, Whole()), text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new"),
     [
         ("0.2, 1, 0", "0.2, True, 0"),

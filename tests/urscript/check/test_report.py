@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from tests.rows import each_row
 from urproto.compat import module_command
 from urscript.check.rules import RULES
 
@@ -26,7 +27,7 @@ def test_text_shows_each_finding_with_its_line(check):
     ]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "words", "status", "last"),
     [
         ("sync()\n", [], 0, "no problems found for PolyScope 3.15.8"),

@@ -1,7 +1,6 @@
 """Every rule: a program that violates it, where, and one that does not although it resembles the first."""
 
-import pytest
-
+from tests.rows import each_row
 from urproto.versions import PolyscopeVersion
 from urscript.check.checking import findings
 from urscript.check.project import Project
@@ -130,7 +129,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("code", "text", "line", "others"), CASES, ids=[f"{c[0]}-{n}" for n, c in enumerate(CASES)])
+@each_row(("code", "text", "line", "others"), CASES, ids=[f"{c[0]}-{n}" for n, c in enumerate(CASES)])
 def test_a_rule_finds_its_mistake_and_nothing_like_it(code, text, line, others):
     version = PolyscopeVersion.parse("5.8") if code in ("URS003", "URS106") else VERSION
     assert (code, line) in found(text, version)

@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.budget import examples
+from tests.rows import each_row
 from urscript.editor import format_command
 from urscript.editor.formatter import formatted
 from urscript.tokens import tokenize
@@ -90,7 +91,7 @@ WORDS = [
 SPACES = ["", " ", "\n", "  \n\n\n ", "\t", "\r\n", " # c\n", "\n# own\n"]
 
 
-@pytest.mark.parametrize("name", CASES)
+@each_row("name", CASES)
 def test_layout(name: str) -> None:
     text, expected = CASES[name]
     assert formatted(text) == expected
@@ -105,7 +106,7 @@ def comments(text: str) -> list[str]:
     return [line[line.index("#") :].strip() for line in text.split("\n") if "#" in line]
 
 
-@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+@each_row("path", SCRIPTS, ids=lambda path: path.name)
 def test_files_of_this_repository(path: Path) -> None:
     text = path.read_text()
     once = formatted(text)
@@ -146,7 +147,7 @@ UGLY, PRETTY = "x=1\n", "x = 1\n"
 POLYSCOPE = 'def a():\n$ 1 "Robot Program"\nx=1\nend\n'
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "text", "status", "after", "said"),
     [
         (["a.script"], UGLY, 0, PRETTY, "a.script: formatted"),
