@@ -60,13 +60,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     browser and a page's programs at the same time, are too much for two cores. Tests that share a robot, or whatever
     else serves a whole module or folder, run on one worker too, so that there is one of it instead of one per worker.
     """
+    if not (config.getoption("numprocesses", None) or hasattr(config, "workerinput")):
+        return
     for item in items:
         if item.get_closest_marker("page") is not None:
             item.add_marker(pytest.mark.xdist_group(IN_REAL_TIME))
         elif item.get_closest_marker("xdist_group") is None and (shared := _shared(item)):
             item.add_marker(pytest.mark.xdist_group(shared))
-    if config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
-        items.sort(key=lambda item: not any(map(item.get_closest_marker, ("page", "long"))))
+    items.sort(key=lambda item: not any(map(item.get_closest_marker, ("page", "long"))))
 
 
 def _shared(item: pytest.Item) -> str | None:
