@@ -14,6 +14,7 @@ from emulator.robot.installation import Payload
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import RuntimeState
 from urproto.text import from_readable, readable
+from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
     from emulator.controller import Controller
@@ -70,6 +71,7 @@ def state_at_rest(controller: "Controller") -> dict[str, Any]:
         "q_rad": list(controller.motion.q),
         "tcp": list(controller.installation.tcp),
         "payload": {"mass_kg": payload.mass, "cog_m": list(payload.cog), "inertia_kg_m2": list(payload.inertia)},
+        "force_bias": list(controller.arm.force_bias),
         "power": controller.power.state.name,
         "chances": controller.chances.save(),
         "world": None if controller.world is None else controller.world.save(),
@@ -129,6 +131,7 @@ def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:
         controller.arm.recover(q)  # so that nothing of an earlier motion is left in it
     controller.set_tcp(_numbers(document["tcp"], 6))
     controller.installation.set_payload(mounted)
+    controller.arm.restore_force(_numbers(document.get("force_bias", ZERO6), 6))
     for section, (holder, names) in _SECTIONS.items():
         target = holder(controller)
         for name in names:

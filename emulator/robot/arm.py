@@ -102,7 +102,7 @@ class Arm:
         self.friction_W: Vector6 = ZERO6  # heat of friction in the joints
         self._target_torque: Vector6 = ZERO6  # of a dynamic arm
         self._link_torque: Vector6 = ZERO6
-        self._force_bias: Vector6 = ZERO6
+        self.force_bias: Vector6 = ZERO6  # external wrench that counts as zero
         self._payload_error: Vector6 = ZERO6  # weight of the true payload minus that of the known one, as a wrench
         self._payload: Payload | None = None
         self._mounted: Payload | None = None
@@ -208,8 +208,12 @@ class Arm:
 
     def zero_force(self) -> None:
         """zero_ftsensor(): from now on, the present external wrench counts as zero."""
-        self._force_bias = add(self.wrench, self._payload_error) if self._mounted is not None else self.wrench
+        self.force_bias = add(self.wrench, self._payload_error) if self._mounted is not None else self.wrench
         self._force_zeroed = True
+
+    def restore_force(self, bias: Vector6) -> None:
+        """Count this wrench as zero, and forget the present external one: the surroundings are others from now on."""
+        self.force_bias, self.wrench, self._force_zeroed = bias, ZERO6, True
 
     def released(self) -> None:
         """The arm is released from a stop, or by its brakes: what it carries in the next period is no collision."""
@@ -283,7 +287,7 @@ class Arm:
         self.target_qd = self.target_qdd = self.qd = self.qdd = self.measured_qd = ZERO6
         self.wrench = self.link_torque = self.friction_W = ZERO6
         self.state = self._at_rest(q)
-        self._force_bias = self._payload_error = ZERO6
+        self.force_bias = self._payload_error = ZERO6
         self.collisions.clear()
         self._payload = self._gravity = None
         self._known = self._driven = False
@@ -424,8 +428,8 @@ class Arm:
             sensors.acceleration = self._sensors.accelerometer(sensors.acceleration)
             if self._driven:
                 measured = self._sensors.wrench(measured)
-        if measured != ZERO6 or self._force_bias != ZERO6:
-            sensors.tcp_force = sub(measured, self._force_bias)
+        if measured != ZERO6 or self.force_bias != ZERO6:
+            sensors.tcp_force = sub(measured, self.force_bias)
         return sensors
 
     def _efforts(self, tool: ToolMotion) -> IdealEfforts | Efforts:

@@ -65,6 +65,23 @@ def test_a_recorded_episode_is_the_same_and_can_be_executed_again(arm):
     assert plain_values(again.controller.snapshot) == plain_values(recorded.state)
 
 
+def test_an_episode_that_ended_with_the_part_in_the_gripper_leaves_no_force():
+    """A payload that is set zeroes the sensor, by what it measures at that moment."""
+    env, forces = GoalEnv("pick_and_place"), []
+    env.reset(seed=0, options={"part": [-0.45, 0.0]})
+    for height_m, closing, steps in ((0.02, -1.0, 40), (0.02, 1.0, 15), (0.12, 1.0, 30)):
+        for _ in range(steps):
+            away = np.array([-0.45, 0.0, height_m]) - env.state.actual_TCP_pose[:3]
+            env.step(np.array([*np.clip(20.0 * away, -1.0, 1.0), closing]))
+    assert env.scene.pose("part")[2] > 0.08
+    for each in (env, GoalEnv("pick_and_place")):
+        each.reset(seed=5)
+        for _ in range(3):
+            each.step(np.zeros(4))
+            forces.append(each.state.actual_TCP_force)
+    assert forces[:3] == forces[3:]
+
+
 def test_episodes_start_the_same_even_after_a_protective_stop(env):
     before = play(env, 5)
     env.reset(seed=3)
