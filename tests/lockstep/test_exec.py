@@ -138,7 +138,7 @@ else:
 """
     done = run(sys.executable, "-c", text)
     assert (done.returncode, done.stderr) == (0, "")
-    assert int(done.stdout) < 50  # only when its time on a busy core was over
+    assert int(done.stdout) < 150  # only when its time on a busy core was over
 
 
 def test_ur_rtde_streams_in_lockstep_the_same_each_time() -> None:
