@@ -100,8 +100,8 @@ class _Progress:
     def __init__(self, total: int) -> None:
         self._total, self._done, self._told_s = total, 0, time.monotonic()
 
-    def __call__(self, episodes: "Sequence[Episode]") -> None:
-        self._done += len(episodes)
+    def __call__(self, episode: "Episode") -> None:
+        self._done += 1
         if time.monotonic() - self._told_s >= _TOLD_S:
             self._told_s = time.monotonic()
             typer.echo(f"{self._done} of {self._total} episodes", err=True)

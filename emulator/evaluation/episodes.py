@@ -116,10 +116,10 @@ class _RandomPolicy:
         return self._actions.sample()
 
 
-def play(setting: Setting, seeds: Sequence[int]) -> list[Episode]:
-    """Play an episode for each seed, in one environment. Raises EvaluationError."""
+def play(setting: Setting, seed: int) -> Episode:
+    """Play an episode, in the environment of the one before with this setting. Raises EvaluationError."""
     env, policy = _prepared(setting)
-    return [play_one(env, policy, setting.length(env), seed) for seed in seeds]
+    return play_one(env, policy, setting.length(env), seed)
 
 
 def play_one(

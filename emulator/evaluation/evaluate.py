@@ -16,21 +16,21 @@ def evaluate(
     seeds: Sequence[int],
     processes: int,
     between: tuple[float, float] | None = None,
-    on_episodes: Callable[[Sequence[Episode]], None] = lambda _: None,
+    on_episode: Callable[[Episode], None] = lambda _: None,
 ) -> Report:
     """Play an episode for each seed, at most. between: two success rates, between which a sequential test decides;
-    then no more are played. on_episodes: called with those that are over, in any order. The report does not depend on
+    then no more are played. on_episode: called with each that is over, in any order. The report does not depend on
     the number of processes. Raises EvaluationError.
     """
     if processes == 1:
         results = {}
         for seed in seeds:
-            results[seed] = play(setting, [seed])[0]
-            on_episodes([results[seed]])
+            results[seed] = play(setting, seed)
+            on_episode(results[seed])
             if _prefix(seeds, results, between) is not None:
                 break
     else:
-        results = _distributed(setting, seeds, processes, between, on_episodes)
+        results = _distributed(setting, seeds, processes, between, on_episode)
     count = _prefix(seeds, results, between)
     return Report(setting, [results[seed] for seed in seeds[: len(seeds) if count is None else count]], between)
 
@@ -40,7 +40,7 @@ def _distributed(
     seeds: Sequence[int],
     processes: int,
     between: tuple[float, float] | None,
-    on_episodes: Callable[[Sequence[Episode]], None],
+    on_episode: Callable[[Episode], None],
 ) -> dict[int, Episode]:
     waiting, results = [*seeds], dict[int, Episode]()
     jobs: dict[int, int] = {}
@@ -48,15 +48,15 @@ def _distributed(
         while waiting or jobs:
             while waiting and workers.room:
                 seed = waiting.pop(0)
-                jobs[workers.submit(play, setting, [seed])] = seed
+                jobs[workers.submit(play, setting, seed)] = seed
             for finished in workers.finished(1.0):
                 seed = jobs.pop(finished.job)
                 if isinstance(finished.value, Lost):
                     raise EvaluationError(f"the process of episode {seed} is gone: {finished.value.why}")
                 if isinstance(finished.value, Exception):
                     raise finished.value
-                results[seed] = finished.value[0]
-                on_episodes(finished.value)
+                results[seed] = finished.value
+                on_episode(finished.value)
             if _prefix(seeds, results, between) is not None:
                 break
     return results

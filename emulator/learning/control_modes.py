@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol
 
+from emulator.learning.environment import FIRST_REGISTER
 from urproto.robots import RobotModel
 from urproto.vectors import Vector3
 
@@ -18,7 +19,7 @@ _FASTEST_M_S: Final = 0.25  # along each axis; small arms, for which everything 
 _FASTEST_REACH_PER_S: Final = 0.3
 _JOINT_RAD_S: Final = 1.0
 _BRAKING_S: Final = 0.2  # the speed towards a side of the workspace is limited to the remaining distance in this time
-_REGISTERS: Final = "[" + ", ".join(f"read_input_float_register({24 + i})" for i in range(6)) + "]"
+_REGISTERS: Final = "[" + ", ".join(f"read_input_float_register({FIRST_REGISTER + i})" for i in range(6)) + "]"
 _FOLLOWED: Final = "t={step_s}, lookahead_time=0.1, gain=300"
 
 Bounds = tuple[list[float], list[float]]

@@ -15,7 +15,7 @@ from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
 from emulator.learning.control_modes import CONTROL_MODES, ControlMode
-from emulator.learning.environment import RobotEnv
+from emulator.learning.environment import FIRST_BIT, RobotEnv
 from emulator.learning.task_file import GOAL, SCENE_FILE, Region, TaskError, find_task, read_task
 from urproto.robots import RobotModel, kinematics_of, load_model
 from urproto.robots.pose import pose_inv, pose_trans
@@ -228,7 +228,8 @@ class GoalEnv(RobotEnv[Observation, Action]):
             lines.append(f"  set_payload({task.payload.mass:g}, [{cog}])")
         lines.append("  while True:")
         if task.gripper:
-            lines.append(f"    set_standard_digital_out({task.gripper.output}, read_input_boolean_register(64))")
+            closing = f"read_input_boolean_register({FIRST_BIT})"
+            lines.append(f"    set_standard_digital_out({task.gripper.output}, {closing})")
         return "\n".join([*lines, f"    {self._mode.script}", "  end", "end", ""])
 
     def _actions(self) -> spaces.Space[Action]:

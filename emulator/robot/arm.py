@@ -118,7 +118,6 @@ class Arm:
         self.state = self._at_rest(ZERO6)
 
     # state
-    # state
 
     @property
     def flange_pose(self) -> Pose:
