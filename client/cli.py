@@ -110,6 +110,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "traffic:compare_command",
         "Report whether two recordings agree, and where they diverge. Exit status 1 if they differ.",
     ),
+    "smoothness": (
+        "traffic:smoothness_command",
+        "Report why a streamed motion is rough: program, network, controller or arm. Exit status 1 if something is.",
+    ),
     "controllers": (
         "controllers:controllers_app",
         "Run a ros2_control controller manager, and manage its controllers from other shells.",

@@ -1,4 +1,5 @@
-"""``ur-client proxy``, ``decode``, ``compare`` and ``replay-traffic``: record and examine a robot's connections."""
+"""``ur-client proxy``, ``decode``, ``compare``, ``smoothness`` and ``replay-traffic``: record and examine a robot's
+connections."""
 
 import asyncio
 import json
@@ -10,9 +11,10 @@ from dataclasses import asdict
 from enum import Enum
 from io import BufferedIOBase, BufferedReader
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
 
 from client.commands.following import PortOffset, RobotIP
 from client.decoding.codecs import CODECS, Side
@@ -23,7 +25,10 @@ from client.traffic.ports import choose_ports, query_identity
 from client.traffic.proxy import Proxy, Route, driver_routes, peer_routes, robot_routes
 from client.traffic.recording import TrafficRecorder, TrafficRecording
 from client.traffic.replay import ReplayRobot
-from urproto.commandline import AsJson, print_json
+from urproto.commandline import AsJson, console, print_json
+
+if TYPE_CHECKING:
+    from client.traffic.smoothness import Smoothness
 
 _CHUNK = 65536  # bytes
 _UNREADABLE = 1  # exit status when something could not be decoded
@@ -120,6 +125,44 @@ def compare_command(
         typer.echo(report(comparison), nl=False)
     if not comparison.same:
         raise typer.Exit(_DIFFERENT)
+
+
+def smoothness_command(
+    file: Annotated[Path, typer.Argument(help="A recording: a pcapng file of `ur-client proxy`, or any pcap file.")],
+    port_offset: PortOffset = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Report why a streamed motion is rough: program, network, controller or arm. Exit status 1 if something is."""
+    from client.traffic.smoothness import examine  # numpy: the other commands start without it
+
+    smoothness = examine(TrafficRecording.read(file, port_offset))
+    if as_json:
+        print_json(asdict(smoothness))
+    else:
+        for remark in smoothness.remarks:
+            typer.echo(f"note: {remark}", err=True)
+        _print_smoothness(smoothness)
+    if smoothness.findings:
+        raise typer.Exit(_DIFFERENT)
+
+
+def _print_smoothness(smoothness: "Smoothness") -> None:
+    for stream in smoothness.streams:
+        timing, lag = stream.timing, "" if stream.lag_s is None else f", target {1e3 * stream.lag_s:.0f} ms behind"
+        usual, most, longest = timing.interval_ms
+        typer.echo(f"{stream.source}: {timing.count} setpoints in {timing.duration_s:.1f} s")
+        typer.echo(f"{timing.rate_hz:.1f} per second, {timing.distinct_hz:.1f} of them new{lag}")
+        typer.echo(f"interval: median {usual:.1f} ms, 99 % below {most:.1f} ms, longest {longest:.1f} ms")
+        if stream.forms:
+            table = Table("", "speed rad/s", "roughness mrad", "largest mrad", "joint", box=None, pad_edge=False)
+            for form in stream.forms:
+                numbers = f"{form.speed_rad_s:.2f}", f"{form.rms_mrad:.2f}", f"{form.largest_mrad:.1f}"
+                table.add_row(form.name, *numbers, form.joint)
+            console().print(table)
+    for finding in smoothness.findings:
+        typer.echo(f"- {finding.cause.value}: {finding.text}.\n  {finding.advice[0].upper()}{finding.advice[1:]}.")
+    if not smoothness.findings:
+        typer.echo("Nothing that makes the motion rough.")
 
 
 def replay_traffic_command(

@@ -1,4 +1,4 @@
-"""The negotiated recipes of a recorded RTDE connection, and their states."""
+"""The negotiated recipes of a recorded RTDE connection: the states that the robot sent, and what the client wrote."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ from urproto.versions import PolyscopeVersion
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The data of one state, as it was sent. inputs: number of input packages that the client had sent before."""
+    """The data of one package, as it was sent. inputs: number of input packages that the client had sent before."""
 
     time_ns: int
     data: bytes
@@ -23,12 +23,12 @@ class Row:
 
 
 @dataclass(slots=True)
-class Outputs:
-    """A recipe of outputs, and its states. recipe: None if a variable was refused, or if its type is unknown."""
+class RecordedRecipe:
+    """A recipe of outputs or inputs, and its packages. recipe: None if a variable was refused, or of unknown type."""
 
     names: tuple[str, ...]
     types: tuple[str, ...]
-    frequency_hz: float | None
+    frequency_hz: float | None = None
     rows: list[Row] = field(default_factory=list)
     recipe: Recipe | None = field(init=False)
 
@@ -37,7 +37,7 @@ class Outputs:
 
     @property
     def size(self) -> int:
-        """Size of a state in bytes."""
+        """Size of a package in bytes."""
         return 0 if self.recipe is None else self.recipe.size
 
     def unpack(self, data: bytes) -> dict[str, Any]:
@@ -60,13 +60,15 @@ class RTDELog:
 
     def __init__(self, conversation: Conversation) -> None:
         self.exchanges: list[Exchange] = []
-        self.outputs: list[Outputs] = []
+        self.outputs: list[RecordedRecipe] = []
+        self.inputs: list[RecordedRecipe] = []
         self.version: PolyscopeVersion | None = None
         self.problem: str | None = None
-        self._recipes: dict[int, Outputs] = {}
+        self._recipes: dict[int, RecordedRecipe] = {}  # of outputs, by id
+        self._written: dict[int, RecordedRecipe] = {}  # of inputs
         self._requests: deque[tuple[codec.Request, int]] = deque()
         self._protocol = 1
-        self._inputs = 0
+        self._input_count = 0
         self._unnamed = 0
         self._decoders = {True: codec.RTDEDecoder(), False: codec.RTDEDecoder()}
         self._read(conversation)
@@ -78,17 +80,20 @@ class RTDELog:
                 if piece.from_server:
                     self._from_robot(packages, piece.time_ns)
                 else:
-                    self._from_client(packages)
+                    self._from_client(packages, piece.time_ns)
         except RemoteProtocolError as error:
             self.problem = str(error)
         if self._unnamed and self.problem is None:
             self.problem = f"{self._unnamed} states have no names: their set-up is not in the recording"
 
-    def _from_client(self, packages: Iterable[codec.Package]) -> None:
+    def _from_client(self, packages: Iterable[codec.Package], time_ns: int) -> None:
         for package in packages:
             request = codec.decode_request(package, self._protocol)
             if isinstance(request, codec.InputData):
-                self._inputs += 1
+                self._input_count += 1
+                recipe = self._written.get(request.recipe_id)
+                if recipe is not None and len(request.data) == recipe.size:  # the robot ignores others
+                    recipe.rows.append(Row(time_ns, request.data, self._input_count))
             elif not isinstance(request, codec.ClientMessage):
                 self._requests.append((request, package.type))
 
@@ -107,7 +112,7 @@ class RTDELog:
         elif len(state.data) != recipe.size:
             raise RemoteProtocolError(f"a state has {len(state.data)} bytes, its recipe {recipe.size}")
         else:
-            recipe.rows.append(Row(time_ns, state.data, self._inputs))
+            recipe.rows.append(Row(time_ns, state.data, self._input_count))
 
     def _add_reply(self, reply: codec.Reply, kind: int) -> None:
         while self._requests:
@@ -124,9 +129,15 @@ class RTDELog:
             case codec.GetVersion(), codec.VersionReply():
                 self.version = reply.version
             case codec.SetupOutputs(), codec.SetupOutputsReply():
-                self._add_recipe(Outputs(request.names, reply.types, request.frequency_hz), reply)
+                outputs = RecordedRecipe(request.names, reply.types, request.frequency_hz)
+                _add(outputs, self.outputs, self._recipes, reply.recipe_id)
+            case codec.SetupInputs(), codec.SetupInputsReply():
+                _add(RecordedRecipe(request.names, reply.types), self.inputs, self._written, reply.recipe_id)
 
-    def _add_recipe(self, outputs: Outputs, reply: codec.SetupOutputsReply) -> None:
-        if outputs.recipe is not None:
-            self.outputs.append(outputs)
-            self._recipes[reply.recipe_id] = outputs
+
+def _add(
+    recorded: RecordedRecipe, all_: list[RecordedRecipe], by_id: dict[int, RecordedRecipe], recipe_id: int
+) -> None:
+    if recorded.recipe is not None:
+        all_.append(recorded)
+        by_id[recipe_id] = recorded

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from client.traffic.players import PlaybackOptions, Player, UnansweredError
-from client.traffic.rtde_log import Outputs, Row, RTDELog
+from client.traffic.rtde_log import RecordedRecipe, Row, RTDELog
 from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe, type_names
@@ -50,7 +50,7 @@ class RTDELibrary:
         same = (one.reply for one in self._exchanges if one.request == request and one.protocol == protocol)
         return next(same, None)
 
-    def outputs(self, names: tuple[str, ...]) -> Outputs | None:
+    def outputs(self, names: tuple[str, ...]) -> RecordedRecipe | None:
         """Recorded states with these variables; recipes take turns."""
         exact = [one for one in self._outputs if one.names == names]
         fitting = exact or [one for one in self._outputs if set(names) <= set(one.names)]
@@ -186,7 +186,9 @@ class RTDEPlayer(Player):
 class _Stream:
     """A client's recipe, filled from recorded states."""
 
-    def __init__(self, outputs: Outputs, request: codec.SetupOutputs, number: int, timing: PlaybackOptions) -> None:
+    def __init__(
+        self, outputs: RecordedRecipe, request: codec.SetupOutputs, number: int, timing: PlaybackOptions
+    ) -> None:
         self._outputs = outputs
         self._names = request.names
         self._number = number
@@ -262,7 +264,7 @@ class _Stream:
         return self._recipe.pack([values[name] for name in self._names])
 
 
-def _thinned(outputs: Outputs, frequency_hz: float | None) -> list[Row]:
+def _thinned(outputs: RecordedRecipe, frequency_hz: float | None) -> list[Row]:
     """Reduce the states to the rate that the client requests, if that is lower than the recorded one."""
     rows = outputs.rows
     if frequency_hz is None or outputs.frequency_hz is None or not 0 < frequency_hz < outputs.frequency_hz:

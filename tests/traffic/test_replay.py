@@ -20,7 +20,7 @@ from client.traffic.dialogues import RequestLog, answer_modbus
 from client.traffic.players import Broadcast, PlaybackOptions, SequentialPlayer, TimedMessages
 from client.traffic.recording import Conversation, Piece, TrafficRecorder, TrafficRecording
 from client.traffic.replay import ReplayRobot
-from client.traffic.rtde_log import Outputs
+from client.traffic.rtde_log import RecordedRecipe
 from client.traffic.rtde_player import RTDELibrary
 from client.traffic.tracks import tracks_of
 from urproto.errors import LocalProtocolError, RobotRefused
@@ -229,7 +229,7 @@ async def test_ur_rtde_receives_the_recorded_values(tmp_path: Path):
 
 
 def test_recipes_are_played_in_turn_and_then_from_the_first_again():
-    both = [Outputs(("timestamp",), ("DOUBLE",), None, ["a row"]) for _ in range(2)]
+    both = [RecordedRecipe(("timestamp",), ("DOUBLE",), None, ["a row"]) for _ in range(2)]
     library = RTDELibrary([SimpleNamespace(version=None, exchanges=[], outputs=both)])
     played = [library.outputs(("timestamp",)) for _ in range(5)]
     assert [one is both[1] for one in played] == [False, True, False, True, False]

@@ -11,8 +11,9 @@ from emulator.machine import ControllerConfig
 from tests.ticking import ticked
 from urproto.robots import load_model
 from urproto.rtde import codec
-from urproto.rtde.fields import OUTPUT_FIELDS
+from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
+from urproto.versions import DEFAULT_VERSION, Series
 
 BEGIN_NS = 1_700_000_000 * 10**9
 CLIENT, ROBOT = "10.0.0.2", "10.0.0.1"
@@ -49,7 +50,7 @@ def recorded_robot(
     controller = Controller(ControllerConfig(model=load_model(model), running=True))
     period_ns = round(controller.period_s * 1e9)
     client = recorder.connection(*ends(30004))
-    _agree(client, names, controller.version)
+    agree(client, names)
     dashboard = recorder.connection(*ends(29999, 45679))
     dashboard.data(False, b"Connected: Universal Robots Dashboard Server\n")
     pack = codec.output_packer(Recipe.of(names, OUTPUT_FIELDS), 2)
@@ -65,13 +66,16 @@ def recorded_robot(
     return TrafficRecording.read(path)
 
 
-def _agree(client: Recorded, names: tuple[str, ...], version: Any) -> None:
-    types = Recipe.of(names, OUTPUT_FIELDS).types
+def agree(client: Recorded, outputs: tuple[str, ...], inputs: tuple[str, ...] = ()) -> None:
+    """Record how an RTDE client sets up its recipes, both of which have the id 1."""
     for request, reply, protocol in (
         (codec.RequestProtocol(2), codec.ProtocolReply(True), 1),
-        (codec.GetVersion(), codec.VersionReply(version), 2),
-        (codec.SetupOutputs(names, 125.0), codec.SetupOutputsReply(types, 1), 2),
+        (codec.GetVersion(), codec.VersionReply(DEFAULT_VERSION[Series.CB3]), 2),
+        (codec.SetupOutputs(outputs, 125.0), codec.SetupOutputsReply(Recipe.of(outputs, OUTPUT_FIELDS).types, 1), 2),
+        (codec.SetupInputs(inputs), codec.SetupInputsReply(Recipe.of(inputs, INPUT_FIELDS).types, 1), 2),
         (codec.Start(), codec.StartReply(True), 2),
     ):
+        if isinstance(request, codec.SetupInputs) and not inputs:
+            continue
         client.data(True, request.encode(protocol))
         client.data(False, reply.encode(protocol))
