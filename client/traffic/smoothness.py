@@ -149,9 +149,9 @@ def _report(stream: SetpointStream, states: SentStates | None) -> StreamReport:
         if during is not None and "target_q" in during.values:
             lag_s, backlog_s = _lag(stream, during)
     findings = [
-        *_about_timing(stream, timing, during),
         *(_about_start(stream, during) if stream.joints and during is not None else ()),
         *(_about_setpoints(stream, timing) if stream.joints else ()),
+        *_about_timing(stream, timing, during),
         *_about_servoing(stream, lag_s, backlog_s),
         *_about_forms(forms, _unavoidable(stream, timing)),
         *_about_filtering(stream, forms),
@@ -192,13 +192,13 @@ def _about_timing(stream: SetpointStream, timing: StreamTiming, states: SentStat
     if never:
         yield StreamFinding(
             Cause.PROGRAM,
-            f"{len(never)} times no setpoint was sent for a while: {_moments(stream, intervals, never)}",
+            f"{_times(never)} no setpoint was sent for a while: {_moments(stream, intervals, never)}",
             "compute setpoints in advance, or in a thread of their own, so that one can be sent in every period",
         )
     if on_time:
         yield StreamFinding(
             Cause.PROGRAM,
-            f"{len(on_time)} times setpoints were held back, then sent together: {_moments(stream, intervals, on_time)}"
+            f"{_times(on_time)} setpoints were held back, then sent together: {_moments(stream, intervals, on_time)}"
             + ("" if states is None else "; the robot's states were on time meanwhile"),
             "the sender was not scheduled, or it catches up after a delay: give it real-time priority, send only the "
             "latest setpoint after a delay, and set TCP_NODELAY",
@@ -206,9 +206,13 @@ def _about_timing(stream: SetpointStream, timing: StreamTiming, states: SentStat
     if both:
         yield StreamFinding(
             Cause.NETWORK,
-            f"{len(both)} times setpoints and states came late, then together: {_moments(stream, intervals, both)}",
+            f"{_times(both)} setpoints and states came late, then together: {_moments(stream, intervals, both)}",
             "use a cable, no wireless link and no busy switch; or the machine that recorded was busy",
         )
+
+
+def _times(gaps: Sequence[int]) -> str:
+    return "once" if len(gaps) == 1 else f"{len(gaps)} times"
 
 
 def _came_together(intervals: Array, gap: int, usual: float) -> bool:

@@ -196,9 +196,9 @@ ROUGH = {
     "noise": (on_time(noisy()), {}, Cause.PROGRAM, "the setpoints themselves are rough"),
     "high gain": (on_time(noisy()), {"gain": 2000, "lookahead": 0.03}, Cause.CONTROLLER, r"gain 2000 passes [1-9]\d %"),
     "pauses": (never_in_time(), {}, Cause.PROGRAM, "2 times no setpoint was sent for a while: 160 ms at 1.9"),
-    "bursts": (held_back(on_time(smooth)), {}, Cause.PROGRAM, "1 times setpoints were held back.* states were on time"),
+    "bursts": (held_back(on_time(smooth)), {}, Cause.PROGRAM, "once setpoints were held back.* states were on time"),
     "network": (
-        held_back(on_time(smooth)), {"late": late_for_a_while}, Cause.NETWORK, "1 times setpoints and states came late",
+        held_back(on_time(smooth)), {"late": late_for_a_while}, Cause.NETWORK, "once setpoints and states came late",
     ),
     "chunks": (
         on_time(lambda t: smooth(t) + 0.1 * (int(t * 2.5) % 2)), {}, Cause.PROGRAM, "they are 50 setpoints apart",
