@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from emulator.branches import can_branch
-from emulator.debugger.debuggee import Breakpoint, Debuggee, Frame, Stop
+from emulator.debugger.debuggee import Debuggee
 from emulator.debugger.travel import Traveller
 from emulator.peers.file import read_peers
+from emulator.programs.stepping import Breakpoint, Frame, Stop
 from emulator.virtual import virtual_robot
 from urproto.controlapi import NotPossible
 from urproto.entry import SUCCESS

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from emulator.branches import Copied
-from emulator.debugger.debuggee import Breakpoint, Debuggee, Stop
+from emulator.debugger.debuggee import Debuggee
+from emulator.programs.stepping import Breakpoint, Stop
 
 _SLICE: Final = 250  # control periods between two copies, unless the program stops before
 _MOST_COPIES: Final = 64  # then every second one is given up, except for the last ones
