@@ -44,13 +44,20 @@ enum state { FREE, EXPECTED, RUNNING, WAITING, STRAY };
 static const int64_t NEVER = INT64_MAX, SECOND = 1000000000, MILLISECOND = 1000000;
 static const int64_t GIL_NS = 5000000; /* CPython's switch interval: see `watch` */
 
-/* The function that ours replaces. */
-#define REAL(name)                                                      \
-    ({                                                                  \
-        static __typeof__(&name) real;                                  \
-        if (!real)                                                      \
-            real = (__typeof__(&name))dlsym(RTLD_NEXT, #name);          \
-        real;                                                           \
+/* The function that ours replaces. All are looked up when the library is loaded: dlsym waits for the dynamic loader,
+   which must not happen with our lock, since a library that is just being loaded may wait for that. */
+struct real {
+    const char *name;
+    void *function;
+};
+
+void *look_up(struct real *real);
+
+#define REAL(name)                                                                                      \
+    ({                                                                                                  \
+        static struct real real __attribute__((section("real"), aligned(sizeof(struct real)), used)) = { \
+            #name, NULL};                                                                               \
+        (__typeof__(&name))(real.function ? real.function : look_up(&real));                            \
     })
 
 struct slot {

@@ -141,6 +141,42 @@ else:
     assert int(done.stdout) < 150  # only when its time on a busy core was over
 
 
+LIBRARY = """
+#include <pthread.h>
+#include <time.h>
+
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
+static pthread_cond_t condition = PTHREAD_COND_INITIALIZER;
+
+static void *wait_a_second(void *unused)
+{
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_sec++;
+    pthread_mutex_lock(&mutex);
+    pthread_cond_timedwait(&condition, &mutex, &until);
+    pthread_mutex_unlock(&mutex);
+    return unused;
+}
+
+__attribute__((constructor)) static void begin(void)
+{
+    pthread_t thread;
+    pthread_create(&thread, NULL, wait_a_second, NULL);
+    nanosleep(&(struct timespec){0, 100000000}, NULL); /* until it waits */
+}
+"""
+
+
+def test_a_library_that_begins_threads_while_it_is_loaded(tmp_path: Path) -> None:
+    """As jemalloc does in PyArrow: meanwhile the loader keeps its lock, for which nothing of ours may wait."""
+    (tmp_path / "library.c").write_text(LIBRARY)
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", "library.so", "library.c", "-lpthread"], cwd=tmp_path, check=True)
+    text = f"import ctypes, time; ctypes.CDLL({str(tmp_path / 'library.so')!r}); time.sleep(5); print('loaded')"
+    done = run(sys.executable, "-c", text)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "loaded\n", "")
+
+
 def test_ur_rtde_streams_in_lockstep_the_same_each_time() -> None:
     """1,000 servoJ of the unmodified library take eight seconds for both sides, and each run is the same."""
     pytest.importorskip("rtde_control")
