@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+from emulator.control.debugging import DebuggingVerbs
 from emulator.control.installation import InstallationVerbs
 from emulator.control.modes import ModeVerbs, SignalVerbs
 from emulator.control.programs import ProgramVerbs
@@ -137,7 +138,15 @@ class PortVerbs(Verbs):
 if TYPE_CHECKING:
 
     class VerbMethods(
-        StateVerbs, SignalVerbs, ModeVerbs, WorldVerbs, InstallationVerbs, ProgramVerbs, TimeVerbs, FaultVerbs
+        StateVerbs,
+        SignalVerbs,
+        ModeVerbs,
+        WorldVerbs,
+        InstallationVerbs,
+        ProgramVerbs,
+        TimeVerbs,
+        FaultVerbs,
+        DebuggingVerbs,
     ):
         """What a type checker sees: each verb as a method."""
 
@@ -163,6 +172,7 @@ class Control(VerbMethods):
         ModeVerbs,
         SignalVerbs,
         StateVerbs,
+        DebuggingVerbs,
     )
 
     def __init__(self, robot: ControlledRobot, pace: Pace, faults: FaultInjector) -> None:
@@ -171,7 +181,7 @@ class Control(VerbMethods):
         self.client = ""
         self._take(FaultVerbs(robot, faults))
         self._take(TimeVerbs(robot, pace))
-        for subject in (ProgramVerbs, InstallationVerbs, WorldVerbs, ModeVerbs, SignalVerbs, StateVerbs):
+        for subject in Control.SUBJECTS[2:]:  # they act on the robot alone
             self._take(subject(robot))
 
     @property

@@ -13,13 +13,16 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from emulator.branches import can_branch
+from emulator.debugger.attached import Attached
 from emulator.debugger.debuggee import Debuggee
 from emulator.debugger.travel import Traveller
 from emulator.peers.file import read_peers
 from emulator.programs.stepping import Breakpoint, Frame, Stop
 from emulator.virtual import virtual_robot
-from urproto.controlapi import NotPossible
+from urproto.controlapi import ControlClient, NoControlError
 from urproto.entry import SUCCESS
+from urproto.errors import URError
+from urproto.ports import CONTROL_API_PORT
 from urscript.files import ScriptFile
 
 _LARGEST: Final = 10_000_000  # bytes of a message
@@ -27,6 +30,7 @@ _FRAMES: Final = 1000  # of a thread
 _GLOBALS: Final = 1  # references of scopes; those of a frame's variables follow
 _ROBOT: Final = 2
 _FIRST_FRAME: Final = 1000
+_SOURCE: Final = 1  # reference of the text that a robot runs
 _CAPABILITIES: Final = {
     "supportsConfigurationDoneRequest": True,
     "supportsFunctionBreakpoints": True,
@@ -81,7 +85,7 @@ class Adapter:
         self._inbox: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._later: list[dict[str, Any]] = []
         self._sequence = 0
-        self._traveller: Traveller | None = None
+        self._traveller: Traveller | Attached | None = None
         self._file = Path()
         self._stop_on_entry = False
         self._lines: list[Breakpoint] = []
@@ -102,14 +106,14 @@ class Adapter:
                     self._go_on()
         finally:
             if self._traveller is not None:
-                self._traveller.__exit__()
+                self._traveller.close()
 
     def _read(self) -> None:
         try:
             while (message := read_message(self._source)) is not None:
                 self._inbox.put(message)
         except ValueError as error:
-            self._event("output", {"category": "stderr", "output": f"the editor sent no message: {error}\n"})
+            self._say(f"the editor sent no message: {error}", "stderr")
         self._inbox.put(None)
 
     def _next(self) -> dict[str, Any] | None:
@@ -128,7 +132,7 @@ class Adapter:
                 raise RequestError(f"the debugger has no request {command!r}")
             else:
                 body = answer(arguments)
-        except (RequestError, ValueError, OSError, NotPossible, KeyError, TypeError) as error:
+        except (RequestError, ValueError, OSError, URError, KeyError, TypeError) as error:
             text = f"the request {command} lacks {error}" if isinstance(error, KeyError) else str(error)
             self._send("response", {**reply, "success": False, "message": text})
             return
@@ -167,7 +171,17 @@ class Adapter:
         self._traveller = Traveller(debuggee, self._interrupted)
 
     def _on_attach(self, arguments: Arguments) -> None:
-        raise RequestError("time cannot be turned back on an emulator with clients, or on an arm: launch the program")
+        """host, port and token of the emulator's control API; program: the file that is open in the editor."""
+        host, port = str(arguments.get("host", "127.0.0.1")), int(arguments.get("port", CONTROL_API_PORT))
+        client = ControlClient(host, port, str(arguments.get("token", "")))
+        file = None
+        if arguments.get("program"):
+            self._file = Path(str(arguments["program"]))
+            file = ScriptFile.read(str(self._file))
+        self._traveller = attached = Attached(client, file, self._interrupted)
+        self._event("capabilities", {"capabilities": {"supportsStepBack": False}})
+        if attached.busy:
+            self._say("a program is running already: it cannot be stopped until it is started again", "console")
 
     def _on_configurationDone(self, arguments: Arguments) -> None:  # noqa: N802
         traveller = self._started
@@ -202,7 +216,9 @@ class Adapter:
     def _on_stackTrace(self, arguments: Arguments) -> Any:  # noqa: N802
         thread = int(arguments["threadId"]) - 1
         frames: list[Frame] = self._started.ask("stack", thread)[:_FRAMES]
-        source = {"name": self._file.name, "path": str(self._file.resolve())}
+        source: dict[str, Any] = {"name": self._file.name, "path": str(self._file.resolve())}
+        if isinstance(self._started, Attached) and self._started.ask("source") is not None:
+            source = {"name": "program of the robot", "sourceReference": _SOURCE}
         shown = []
         for number, frame in enumerate(frames):
             self._frames.append((thread, number))
@@ -210,6 +226,10 @@ class Adapter:
             reference = _FIRST_FRAME + len(self._frames) - 1
             shown.append({"id": reference, "name": frame.name, "line": line, "column": 1, "source": source})
         return {"stackFrames": shown, "totalFrames": len(shown)}
+
+    def _on_source(self, arguments: Arguments) -> Any:
+        """The text of a program that is not the editor's file."""
+        return {"content": self._started.ask("source") or ""}
 
     def _on_scopes(self, arguments: Arguments) -> Any:
         reference = int(arguments["frameId"])
@@ -259,7 +279,7 @@ class Adapter:
     # running
 
     @property
-    def _started(self) -> Traveller:
+    def _started(self) -> Traveller | Attached:
         if self._traveller is None:
             raise RequestError("no program has been launched")
         return self._traveller
@@ -277,28 +297,35 @@ class Adapter:
     def _move(self, command: str) -> Any:
         if self._started.stop.reason == "ended" and command in _MOVES:
             raise RequestError("the program has ended: go back, or launch it again")
+        if command in _BACKWARDS and isinstance(self._started, Attached):
+            raise RequestError("time cannot be turned back on an emulator with clients: launch the program to go back")
         self._frames.clear()
         if command in _MOVES:
             self._running = _MOVES[command]
         return {"allThreadsContinued": True}
 
     def _go_on(self) -> None:
-        for stop in self._started.go(self._running):
-            self._tell(stop)
-            if stop.reason:
-                self._running = ""
-                self._stopped(stop)
-            if self._over:
-                return
+        try:
+            for stop in self._started.go(self._running):
+                self._tell(stop)
+                if stop.reason:
+                    self._running = ""
+                    self._stopped(stop)
+                if self._over:
+                    return
+        except NoControlError as error:  # the emulator has ended
+            self._say(str(error), "stderr")
+            self._on_terminate({})
 
     def _backwards(self, mode: str) -> None:
+        assert isinstance(self._started, Traveller), "requests to others are refused"
         self._stopped(self._started.back(mode))
 
     def _stopped(self, stop: Stop) -> None:
         self._pausing = False
         if stop.reason == "ended":
             if stop.text:
-                self._event("output", {"category": "stderr", "output": f"it did not start: {stop.text}\n"})
+                self._say(f"it did not start: {stop.text}", "stderr")
             self._event("terminated")
             self._event("exited", {"exitCode": 0})
             return
@@ -310,7 +337,10 @@ class Adapter:
 
     def _tell(self, stop: Stop) -> None:
         for text in stop.output:
-            self._event("output", {"category": "stdout", "output": f"{text}\n"})
+            self._say(text, "stdout")
+
+    def _say(self, text: str, category: str) -> None:
+        self._event("output", {"category": category, "output": f"{text}\n"})
 
     def _interrupted(self) -> bool:
         """Between slices of a run: answer what can be answered meanwhile; whether the program is to stop."""

@@ -14,7 +14,7 @@ _FOREVER: Final = 1_000_000
 
 
 class Traveller:
-    """A debuggee in a process of its own, and at other moments. Use it with ``with``.
+    """A debuggee in a process of its own, and at other moments.
 
     stop: where the program stands still. interrupted: called between slices; whether it is to stop now.
     """
@@ -28,10 +28,8 @@ class Traveller:
         self._breakpoints: tuple[list[Breakpoint], list[str], list[str]] = ([], [], [])
         self.stop = Stop("", 0, 0, 0)
 
-    def __enter__(self) -> "Traveller":
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """End all copies."""
         self._now.close()
         for moment in self._moments.values():
             moment[0].close()
