@@ -12,6 +12,12 @@ from urscript.files import ScriptFile
 
 _SLICE: Final = 25  # control periods of a call, after which the editor is asked for news
 
+_ARGUMENTS: Final = {
+    "stack": ("thread",),
+    "evaluate": ("text", "thread", "frame"),
+    "set_variable": ("name", "text", "thread", "frame"),
+}
+
 
 class Attached:
     """Programs that a running emulator starts from now on. Raises NoControlError, and OSError for the file.
@@ -64,9 +70,3 @@ class Attached:
             self._client.call("debug_end", {})
         self._client.close()
 
-
-_ARGUMENTS: Final = {
-    "stack": ("thread",),
-    "evaluate": ("text", "thread", "frame"),
-    "set_variable": ("name", "text", "thread", "frame"),
-}

@@ -183,7 +183,7 @@ def test_wrong_requests(client):
         ("launch", {}, "program"),
         ("launch", {"program": "cell.script", "model": "ur4"}, "ur4"),
         ("launch", {"program": "cell.script", "options": {"wrong": 1}}, "wrong"),
-        ("attach", {}, "time cannot be turned back"),
+        ("attach", {"port": 9}, "no control API on 127.0.0.1 port 9"),
         ("fly", {}, "no request 'fly'"),
         ("continue", {}, "no program has been launched"),
         ("setBreakpoints", {"breakpoints": [{"line": 1, "hitCondition": "x"}]}, "'x' is not a number of hits"),
