@@ -5,6 +5,8 @@ import time
 import pytest
 from dap_client import DebugClient
 
+from emulator.control.debugging import LiveDebuggee
+from emulator.virtual import virtual_robot
 from urproto.testing.process import EmulatorProcess
 
 CELL = """# a comment before the program
@@ -106,12 +108,27 @@ def test_threads_wait_together_and_the_pendant_may_resume(client, emulated, cell
 
 def test_a_program_of_another_text_shows_its_own(client, emulated, cell):
     """Lines of the editor's file mean nothing there; functions do."""
-    attach(client, emulated, cell, [{"line": 2}], ["other"])
+    attach(client, emulated, cell, [{"line": 5}], ["other"])
     assert emulated.control.send_script("def prog():\n  def other():\n    sleep(0.1)\n  end\n  other()\nend\n")
     assert client.stopped() == ("function breakpoint", [("other", 3), ("main", 5)])
     frame = client.request("stackTrace", threadId=client.thread)["stackFrames"][0]
     text = client.request("source", sourceReference=frame["source"]["sourceReference"])["content"]
     assert text.splitlines()[2].strip() == "sleep(0.1)"
+
+
+def test_a_stop_between_two_calls_is_told_by_the_next_one():
+    robot = virtual_robot("ur5e", running=True)
+    debuggee = LiveDebuggee(robot.controller, "", 0)
+    debuggee.set_breakpoints([], ["wait"], [])
+    robot.controller.programs.submit("def prog():\n  def wait():\n    sleep(0.1)\n  end\n  wait()\nend\n")
+    robot.step(100)
+    with pytest.raises(StopIteration) as told:
+        next(debuggee.go("continue", 10))
+    assert told.value.value.reason == "function breakpoint"
+    assert robot.controller.programs.paused
+    for _ in debuggee.go("continue", 100):
+        robot.step(1)
+    assert not robot.controller.programs.busy
 
 
 def test_ending_the_session_lets_the_program_go_on(emulated, cell):

@@ -93,7 +93,7 @@ def recorded(
     *,
     lookahead: float = 0.1,
     gain: float = 300,
-    urrtde: bool = True,
+    names: tuple[str, ...] = URRTDE,
     late: Callable[[float], float] = lambda t: t,
     states: bool = True,
     slider: float = 1.0,
@@ -107,7 +107,6 @@ def recorded(
     recorder = TrafficRecorder(path, now_ns=clock)
     controller = Controller(ControllerConfig(model=load_model("ur3"), running=True, initial_q=START_Q))
     client = recorder.connection(*ends(30004))
-    names = URRTDE if urrtde else REGISTERS[:6]
     outputs, inputs = Recipe.of(OUTPUTS, OUTPUT_FIELDS), Recipe.of(names, INPUT_FIELDS)
     agree(client, OUTPUTS, names)
     pack = codec.output_packer(outputs, 2)
@@ -205,7 +204,7 @@ ROUGH = {
     ),
     "start": (on_time(lambda t: 0.3 + smooth(t)), {}, Cause.PROGRAM, r"0\.30 rad from the arm \(base\): the arm jumps"),
     "slider": (on_time(smooth), {"slider": 0.5}, Cause.CONTROLLER, "the robot runs at 50 % speed"),
-    "other registers": (on_time(noisy()), {"urrtde": False}, Cause.PROGRAM, "the setpoints themselves are rough"),
+    "other registers": (on_time(noisy()), {"names": REGISTERS[:6]}, Cause.PROGRAM, "the setpoints themselves are rough"),
 }  # fmt: skip
 """Setpoints, options of the recording, and what is found."""
 
@@ -259,6 +258,8 @@ def test_a_recording_without_a_stream_says_where_one_is_looked_for(tmp_path):
     recorder.close()
     with pytest.raises(RecordingError, match=r"contains no stream of setpoints: .* 50001"):
         examine(TrafficRecording.read(recorder.path))
+    with pytest.raises(RecordingError, match="contains no stream"):
+        examine(recorded(tmp_path / "five.pcapng", on_time(smooth), names=REGISTERS[:5]))
 
 
 def test_the_command_prints_findings_and_advice_and_its_exit_status_tells_them(tmp_path):
