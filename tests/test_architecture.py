@@ -63,6 +63,7 @@ THIRD_PARTY = {
         "emulator.peers",
         "emulator.safety.files",
         "client.controllers.goal_files",
+        "client.controllers.session",
         "urproto.structures",
         "urproto.worldfile",
     ),

@@ -43,7 +43,7 @@ class JointStateBroadcaster(Controller[JointStateParameters]):
 
     def __init__(self, name: str, parameters: JointStateParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.topic: Topic[JointState] = Topic("/joint_states")
+        self.topic: Topic[JointState] = Topic()
         self._joints: tuple[str, ...] = ()
         self._parts: tuple[Interfaces | None, ...] = ()
 
@@ -85,7 +85,7 @@ class SpeedScalingStateBroadcaster(Controller[SpeedScalingParameters]):
 
     def __init__(self, name: str, parameters: SpeedScalingParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.topic: Topic[float] = Topic("~/speed_scaling")
+        self.topic: Topic[float] = Topic()
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:
@@ -176,7 +176,7 @@ class ForceTorqueSensorBroadcaster(Controller[ForceTorqueParameters]):
 
     def __init__(self, name: str, parameters: ForceTorqueParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.topic: Topic[WrenchStamped] = Topic("~/wrench")
+        self.topic: Topic[WrenchStamped] = Topic()
         self._offsets = _six(parameters.offset)
         self._multipliers = _six(parameters.multiplier)
 
@@ -238,7 +238,7 @@ class PoseBroadcaster(Controller[PoseParameters]):
 
     def __init__(self, name: str, parameters: PoseParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.topic: Topic[PoseStamped] = Topic("~/pose")
+        self.topic: Topic[PoseStamped] = Topic()
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:

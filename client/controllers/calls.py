@@ -11,6 +11,7 @@ from math import isfinite
 from typing import Final, Protocol, TypeVar
 
 from client.controllers.controller import Controller, Interfaces
+from client.controllers.parameters import without_effect
 from client.driver.endpoint import notify
 
 FAILURE: Final = 0.0
@@ -24,6 +25,14 @@ class Prefixed(Protocol):
 
     @property
     def tf_prefix(self) -> str: ...
+
+
+@dataclass(frozen=True, slots=True)
+class CallParameters:
+    """tf_prefix: prefix of all interface names."""
+
+    tf_prefix: str = ""
+    check_io_successful_retries: int = without_effect(10, "the timeout is measured in robot time")
 
 
 Parameters = TypeVar("Parameters", bound=Prefixed)

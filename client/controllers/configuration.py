@@ -21,7 +21,6 @@ from client.controllers import (
     joint_trajectory,
     motion_primitives,
     passthrough,
-    settings,
 )
 from client.controllers.controller import CONTROLLER_TYPES, Controller
 from client.errors import ControllerError
@@ -35,7 +34,6 @@ _ALL: Final = (
     joint_trajectory,
     motion_primitives,
     passthrough,
-    settings,
 )
 _MANAGER: Final = "controller_manager"
 _PARAMETERS: Final = ("ros__parameters", "ros_parameters")

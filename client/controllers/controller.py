@@ -48,15 +48,11 @@ Message = TypeVar("Message")
 
 
 class Topic(Generic[Message]):
-    """The newest message of a topic, and its subscribers.
+    """The newest message of a topic, and its subscribers."""
 
-    name: as in ROS 2, where ~ stands for the controller.
-    """
+    __slots__ = ("_listeners", "latest")
 
-    __slots__ = ("_listeners", "latest", "name")
-
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self) -> None:
         self.latest: Message | None = None
         self._listeners: list[Callable[[Message], object]] = []
 

@@ -182,7 +182,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     def __init__(self, name: str, parameters: JointTrajectoryParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self.joints = parameters.joints
-        self.state_topic: Topic[ControllerState] = Topic("~/controller_state")
+        self.state_topic: Topic[ControllerState] = Topic()
         self.scaling = parameters.speed_scaling.initial_scaling_factor
         self.goal: GoalHandle | None = None
         self._now_s = 0.0

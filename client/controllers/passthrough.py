@@ -21,10 +21,17 @@ from client.controllers.trajectory import filled
 from client.controllers.validation import ToleranceError, Tolerances, TrajectoryRules, violation, with_goal
 from client.errors import GoalRejectedError
 from urproto.compat import IntEnum
+from urproto.joints import JOINT_NAMES
 
 PASSTHROUGH: Final = "trajectory_passthrough"
-_POINT: Final = ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
-_REST: Final = ("abort", "transfer_state", "time_from_start", "trajectory_size")
+POINT: Final = ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
+PASSTHROUGH_COMMANDS: Final = tuple(
+    f"{PASSTHROUGH}/{name}"
+    for name in (
+        *(f"{part}_{joint}" for part in POINT for joint in range(len(JOINT_NAMES))),
+        *("abort", "transfer_state", "time_from_start", "trajectory_size"),
+    )
+)
 
 
 class Transfer(IntEnum):
@@ -68,9 +75,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        count = range(len(self.joints))
-        points = tuple(self._name(f"{part}_{joint}") for part in _POINT for joint in count)
-        return points + tuple(map(self._name, _REST))
+        return tuple(self.parameters.tf_prefix + name for name in PASSTHROUGH_COMMANDS)
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:
@@ -180,7 +185,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         point = self._points[self._next]
         self._next += 1
         self._set("time_from_start", point.time_from_start_s)
-        for part, values in zip(_POINT, (point.positions, point.velocities, point.accelerations), strict=True):
+        for part, values in zip(POINT, (point.positions, point.velocities, point.accelerations), strict=True):
             for joint in range(len(self.joints)):
                 self._set(f"{part}_{joint}", values[joint] if values else NO_COMMAND)
         self._set("transfer_state", Transfer.TRANSFERRING)
