@@ -12,9 +12,16 @@ from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
 from client.ros2.control_side import SIDE, ControllerFacts, ControlSide, RobotFacts
-from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, in_thread, interface_if_any
+from client.ros2.host import (
+    LATCHED,
+    SYSTEM_DEFAULT,
+    NodeHost,
+    RefusalLog,
+    RemoteController,
+    in_thread,
+    interface_if_any,
+)
 from client.ros2.publishing import Outbox, publisher
-from client.ros2.refusals import RefusalLog
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, CommandContext, Subscription
 from client.ros2.transforms import Transforms
 

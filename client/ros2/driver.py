@@ -27,9 +27,8 @@ from client.ros2.dashboard import DashboardNode
 from client.ros2.gripper import GripperNode
 from client.ros2.host import NodeHost, RemoteController, in_thread
 from client.ros2.options import DriverOptions
-from client.ros2.publishing import ClockPublisher, Outbox
+from client.ros2.publishing import ClockPublisher, Outbox, RobotStatePublisher
 from client.ros2.state_helper import StateHelperNode
-from client.ros2.state_publisher import RobotStatePublisher
 from client.ros2.topics import PublishingContext
 from client.ros2.trajectory_until import TrajectoryUntilNode
 from client.ros2.transforms import Transforms

@@ -7,11 +7,15 @@ from typing import Any, Final
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from std_msgs.msg import String
 
 from client.errors import ClientError
 from client.ros2.control_side import CLOCK, SIDE, ControlSide
+from client.ros2.frames import Frames
 from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, interface, stamp
-from client.ros2.topics import Publication, PublishingContext
+from client.ros2.topics import MOVING_FRAMES, Publication, PublishingContext
+from urproto.robots import RobotModel
+from urproto.robots.description import urdf
 
 _CLOCK: Final = "rosgraph_msgs/msg/Clock"
 _POLL_S: Final = 0.05  # interval at which subscribers are counted, which costs 2 us per topic
@@ -112,6 +116,36 @@ class ClockPublisher:
         message = interface(_CLOCK)()
         stamp(message.clock, round(time_s * 1e9))
         self._publisher.publish(message)
+
+
+class RobotStatePublisher:
+    """Publishes a model's description and frames; the node spins from its creation."""
+
+    def __init__(
+        self, host: NodeHost, outbox: Outbox, model: RobotModel, states: RemoteController, prefix: str = ""
+    ) -> None:
+        self._host = host
+        self._outbox = outbox
+        self.node = host.node("robot_state_publisher")
+        description = urdf(model, prefix=prefix)
+        self.node.declare_parameter("robot_description", description)
+        self.node.declare_parameter("frame_prefix", "")
+        self.node.declare_parameter("publish_frequency", 20.0)
+        self._description = self.node.create_publisher(String, "robot_description", LATCHED)
+        self._description.publish(String(data=description))
+        frames = Frames(model, prefix)
+        sec, nanosec = divmod(host.now_ns(), 1_000_000_000)
+        message = interface("tf2_msgs/msg/TFMessage")(transforms=frames.fixed(sec, nanosec))
+        self._static = self.node.create_publisher(type(message), "/tf_static", LATCHED)
+        self._static.publish(message)
+        outbox.scene.frames = frames
+        self._key = outbox.add(states, publisher(self.node, MOVING_FRAMES), MOVING_FRAMES)
+        host.spin(self.node)
+
+    def close(self) -> None:
+        """End the node."""
+        self._outbox.remove(self._key)
+        self._host.close(self.node)
 
 
 def publisher(node: Node, row: Publication) -> Publisher:

@@ -27,10 +27,9 @@ from client.planning import CollisionChecker
 from client.planning.monitoring import free_share
 from client.ros2 import parameters
 from client.ros2.control_side import SERVO, SERVO_STATUS
-from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
+from client.ros2.host import LATCHED, NodeHost, RefusalLog, interface, interface_if_any
 from client.ros2.move_group.monitor import Monitor
 from client.ros2.move_group.scene import SceneState
-from client.ros2.refusals import RefusalLog
 from client.ros2.transforms import Transforms, pose_in
 from urproto.robots.pose import axes_of
 
