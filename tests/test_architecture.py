@@ -358,11 +358,7 @@ def _beyond_the_codec(name: str) -> Iterator[str]:
 def test_importing_the_language_or_protocols_does_not_load_pinocchio() -> None:
     for name in modules():
         if "pinocchio" in imports(name, at_import_time=True):
-            assert name in (
-                "urproto.robots.pinocchio_dynamics",
-                "client.planning.collision_model",
-                "client.planning.solids",
-            )
+            assert name in ("urproto.robots.pinocchio_dynamics", "client.planning.collision_model")
 
 
 def test_no_import_cycles() -> None:

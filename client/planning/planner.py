@@ -37,8 +37,7 @@ from client.planning.lines import COLUMNS
 from client.planning.parameterisation import Array, Limits, Trajectory, parameterise
 from client.planning.path import RoundedPath, rounded_corner
 from client.planning.scene import PlanningScene
-from client.planning.search import search_joint_space
-from client.planning.task_space import TaskSpaceSearch
+from client.planning.search import TaskSpaceSearch, search_joint_space
 from client.quantities import checked
 from urproto.robots import Joints, RobotModel
 from urproto.text import quoted, unknown
