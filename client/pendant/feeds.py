@@ -78,7 +78,6 @@ class Feed:
         return other
 
     def append_state(self, values: Mapping[str, Any]) -> None:
-        """Add a state."""
         self.values = values
         self.problem = ""
         if not self._keep_rows:
@@ -176,7 +175,6 @@ class Feeds:
         return len(self._feeds)
 
     async def close(self) -> None:
-        """End all feeds."""
         tasks = list(self._tasks.values())
         for feed in list(self._feeds.values()):
             self._stop(feed)

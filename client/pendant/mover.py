@@ -73,7 +73,6 @@ class Mover:
 
     @property
     def freedrive(self) -> bool:
-        """Whether freedrive is active or about to start."""
         return self._freedrive_end is not None
 
     @property

@@ -264,7 +264,6 @@ class Page:
 
     @contextmanager
     def _question(self, title: str, classes: str = "") -> Iterator[ui.dialog]:
-        """A dialog with a title."""
         with self.content, ui.dialog() as dialog, ui.card().classes(classes):
             ui.label(title).classes("text-h6")
             yield dialog
@@ -293,7 +292,6 @@ class Page:
         return self.live.text(read)
 
     def program_buttons(self, props: str, test_id_prefix: str) -> None:
-        """Buttons to play, pause and stop the program."""
         for icon, name, action, callback in (
             ("play_arrow", "Play", Action.PLAY, self.play),
             ("pause", "Pause", Action.PAUSE, lambda: self.station.request(dashboard.PAUSE)),
@@ -327,7 +325,6 @@ class Page:
 
     @contextmanager
     def panel(self, title: str, classes: str = "") -> Iterator[ui.card]:
-        """A card with a title."""
         with ui.card().classes(f"panel {classes}") as card:
             ui.label(title).classes("panel-title")
             yield card

@@ -77,7 +77,6 @@ class Programs:
     # messages of the robot
 
     def handle_message(self, message: object) -> None:
-        """Process a message about programs."""
         self.draft.handle_message(message)
         if isinstance(message, ProgramThreadsMessage):
             self.threads = message.threads

@@ -35,8 +35,6 @@ def field_text(
 
 
 def mode_text(field: str, modes: type[IntEnum], index: int | None = None) -> ReadText:
-    """A mode in words."""
-
     def read(station: Station) -> str:
         value = field_value(station, field, index)
         return UNKNOWN if value is None else mode_name(modes, value).replace("_", " ").capitalize()

@@ -69,7 +69,6 @@ class SceneMonitor:
         return self._scene
 
     async def close(self) -> None:
-        """Stop building scenes."""
         if self._building is not None:
             self._building.cancel()
             await asyncio.gather(self._building, return_exceptions=True)

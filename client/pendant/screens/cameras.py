@@ -13,7 +13,6 @@ _NO_CAMERAS: Final = "This robot has no cameras. An emulator has those of its sc
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     with ui.element("div").classes("cameras"), page.panel("Cameras", "cameras-panel"):
         with ui.row().classes("cameras-tools"):
             choice = ui.select({}, label="Camera").props("outlined dense options-dense data-testid=camera")
@@ -56,7 +55,6 @@ class _View:
         return str(self._choice.value) if self._choice.value in self._cameras else ""
 
     def set_cameras(self, cameras: Any) -> None:
-        """Set the list of cameras."""
         self._cameras = {name: (width, height) for name, width, height in cameras}
         previous = self._choice.value
         value = previous if previous in self._cameras else next(iter(self._cameras), None)
@@ -65,7 +63,6 @@ class _View:
             self._show()
 
     def on_screen_change(self, screen: str) -> None:
-        """Another screen has become visible."""
         if self._visible is not (screen == _NAME):
             self._visible = screen == _NAME
             if screen:

@@ -6,8 +6,8 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.errors import FileError
-from client.pendant.mounting import active_tcp, apply_tcp, same_tcp
 from client.pendant.page import Page
+from client.pendant.settings import active_tcp, apply_tcp, same_tcp
 from client.pendant.station import Station
 from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
 
@@ -20,7 +20,6 @@ _FLANGE: Final = "Flange"  # the predefined TCP
 
 
 def build(page: Page) -> None:
-    """Add the panel to the page."""
     with page.panel("Tool centre point", "tcp-panel"):
         _Editor(page)
 

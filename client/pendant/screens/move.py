@@ -12,7 +12,6 @@ from client.pendant.station import Station
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     settings = MoveSettings(page)
     jog = JogPanels(page, settings)
     planned = PlannedMove(page, settings)

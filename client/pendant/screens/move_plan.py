@@ -74,7 +74,6 @@ class PlannedMove:
         ui.run_javascript(f"pendant.plan({scene.id})")
 
     def panel(self) -> None:
-        """The status and the buttons."""
         live = self._page.live
         with ui.element("div").classes("plan-texts"):
             text = live.text(lambda station: self._status(station)[1], "plan-status")

@@ -190,7 +190,6 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
             await settings.move(lambda: mover.move_to_pose(pose, activity, **settings.joint_speed))
 
     def convert_rotation(as_rpy: bool) -> None:
-        """Convert the entered rotation to the other format."""
         if all(number.value is not None for number in numbers):
             show(read(not as_rpy))
 

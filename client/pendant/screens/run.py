@@ -10,7 +10,6 @@ from client import dashboard
 from client.pendant.page import Page
 from client.pendant.programs import ShownProgram
 from client.pendant.screens.run_editor import build_editor, replace_draft
-from client.pendant.situation import Action
 from client.pendant.station import Station
 from client.pendant.variables import VariablesView
 from urproto.modes import RuntimeState
@@ -100,7 +99,6 @@ async def _copy(page: Page, edit: Callable[[], object]) -> None:
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     with ui.element("div").classes("run-screen"):
         with ui.column().classes("run-left"):
             _control_panel(page)
@@ -124,7 +122,7 @@ def _control_panel(page: Page) -> None:
     with page.panel("Loaded program", "run-control"):
         page.live.text(_loaded_text, "run-loaded").props("data-testid=run-loaded")
         page.live.text(_run_time_text, "run-time").props("data-testid=run-time")
-        page.live.text(_play_refusal, "soft run-refusal").props("data-testid=run-refusal")
+        page.live.text(lambda s: s.situation.play_refusal, "soft run-refusal").props("data-testid=run-refusal")
         with ui.row().classes("run-load"):
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
             box.props('aria-label="Path of a program below the programs folder"')
@@ -171,12 +169,6 @@ def _loaded_text(station: Station) -> str:
 
 def _state_color(station: Station) -> str:
     return _STATES.get(station.runtime_state, "wait")
-
-
-def _play_refusal(station: Station) -> str:
-    """Why no program can be played, "" if one is running."""
-    situation = station.situation
-    return "" if situation.permits(Action.PLAY) or situation.permits(Action.PAUSE) else situation.refusal(Action.PLAY)
 
 
 def _run_time_text(station: Station) -> str:
