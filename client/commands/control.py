@@ -136,7 +136,6 @@ class Target:
 
     @property
     def ports(self) -> dict[str, int]:
-        """The robot's ports."""
         return robot_ports(self.port_offset)
 
     def manager(self) -> _Shared:

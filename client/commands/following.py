@@ -69,7 +69,6 @@ class ProgressBar:
             self.print_line(f"{self._title}: {100.0 * share:.0f} % after {text}")
 
     def print_line(self, text: str) -> None:
-        """Print a separate line above the bar."""
         self._console.print(text, markup=False, soft_wrap=not self._console.is_terminal)
 
 

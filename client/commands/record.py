@@ -240,7 +240,6 @@ class _Source:
         return CameraOptions(self.robot_ip, port, self.camera or (), self.camera_rate, self.depth)
 
     def drawing(self) -> "SceneDrawing | None":
-        """See `scene_drawing`."""
         return scene_drawing(self.scene, self.plan, self.names, self.robot_ip, self.port_offset)
 
     def connect(

@@ -113,7 +113,6 @@ class Interfaces:
             self._store[place] = value
 
     def fill(self, value: float) -> None:
-        """Set all interfaces to one value."""
         for place in self._indices.values():
             self._store[place] = value
 
@@ -253,7 +252,6 @@ class Controller(Generic[Parameters]):
             raise self.error(f"it is {self.state}: activate it first")
 
     def error(self, reason: str) -> ControllerError:
-        """Create an error of this controller."""
         return ControllerError(self.name, reason)
 
 

@@ -159,7 +159,6 @@ class GoalHandle:
         return self.result is not None
 
     def publish_feedback(self, feedback: Feedback) -> None:
-        """Publish feedback."""
         self.feedback = feedback
         notify(self.on_feedback, feedback)
 

@@ -52,7 +52,6 @@ class Pid:
         self._integral = 0.0
 
     def reset(self) -> None:
-        """Reset the integral and derivative terms."""
         self._integral = 0.0
 
     def command(self, error: float, error_rate: float, period_s: float) -> float:

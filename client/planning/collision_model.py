@@ -39,13 +39,11 @@ _RIM_CORNERS: Final = 24  # corners of a polygon around a cylinder's end
 
 
 def placed_capsule(part: Capsule) -> tuple[Any, Any]:
-    """Its placement in its link, and its geometry."""
     placement, length = _axis_frame(part.start, part.end)
     return placement, coal.Capsule(part.radius, length)
 
 
 def placed_cylinder(part: LinkCylinder) -> tuple[Any, Any]:
-    """Its placement in its link, and its geometry."""
     placement, length = _axis_frame(part.start, part.end)
     return placement, coal.Cylinder(part.radius, length)
 
@@ -86,14 +84,12 @@ def _rim_points(part: LinkCylinder) -> Iterator[Vector3]:
 
 
 def _distance_to_segment(point: Vector3, start: Vector3, end: Vector3) -> float:
-    """Distance of a point from a line segment."""
     along, there = sub3(end, start), sub3(point, start)
     share = max(0.0, min(1.0, dot(there, along) / dot(along, along)))
     return hypot(*sub3(there, scaled3(along, share)))
 
 
 def at(place: Vector3) -> Any:
-    """A placement without rotation."""
     return placed((*place, 0.0, 0.0, 0.0))
 
 
@@ -310,7 +306,6 @@ class CollisionModel:
                 self._pair("the elbow", name)
 
     def _add(self, name: str, joint: int, placement: Any, shape: Any, extent_m: float = 0.0) -> None:
-        """Add the same geometry to both layers."""
         given = (joint, placement, shape, extent_m)
         self._solids[name] = (self.coarse.add(*given), [self.fine.add(*given)])
 

@@ -88,7 +88,6 @@ class Plan:
 
     @property
     def duration_s(self) -> float:
-        """Duration of the motion."""
         return self.trajectory.duration_s
 
     def check_start(self, q_rad: Sequence[float]) -> None:
@@ -265,7 +264,6 @@ class Planner:
             )
 
     def _constrained(self, constraints: PathConstraints) -> "Planner":
-        """The same planner with path constraints."""
         other = copy(self)
         other.checker = ConstrainedChecker(self.scene, constraints)
         return other
@@ -412,5 +410,4 @@ def _interpolated(path: Sequence[Array], ends: Array, i: int, distance: float) -
 
 
 def _planner_names(items: Sequence[MotionSequenceItem]) -> str:
-    """The planners of a sequence, each once."""
     return ", ".join(dict.fromkeys(item.planner for item in items))

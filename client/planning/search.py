@@ -172,11 +172,9 @@ class CoordinateLine:
         self.turn_rad = float(np.linalg.norm(self._displacement[3:])) / _ROTATION_WEIGHT_M_RAD
 
     def pose(self, share: float) -> Pose:
-        """See `ToolPath`."""
         return self._space.pose(self._start + share * self._displacement)
 
     def motion(self, share: float) -> tuple[Array, Array]:
-        """See `ToolPath`."""
         at, step = self._start + share * self._displacement, _NUDGE * self._displacement
         ahead, behind = (self._space.velocity(at + sign * step, self._displacement) for sign in (1.0, -1.0))
         return self._space.velocity(at, self._displacement), (ahead - behind) / (2.0 * _NUDGE)

@@ -86,7 +86,6 @@ class CameraNode:
         self._follower.__enter__()
 
     def close(self) -> None:
-        """End the node."""
         self._follower.close()
         self._host.close(self.node)
 

@@ -88,7 +88,6 @@ class ControllerManagerNode:
         return response
 
     def list_controller_types(self, request: Any, response: Any) -> Any:
-        """List the types that can be loaded."""
         response.types = sorted(CONTROLLER_TYPES)
         response.base_classes = [_BASE] * len(response.types)
         return response
@@ -178,7 +177,6 @@ class ControllerManagerNode:
         return response
 
     def list_hardware_interfaces(self, request: Any, response: Any) -> Any:
-        """List the interfaces of the arm."""
         response.command_interfaces, response.state_interfaces = self._interfaces()
         return response
 

@@ -60,7 +60,6 @@ class ControllerNodes:
                 _logger.exception("the node of %s could not follow it", controller.name)
 
     def close_all(self) -> None:
-        """Close all nodes."""
         while self._nodes:
             _, node = self._nodes.popitem()
             node.close()

@@ -279,7 +279,6 @@ class RemoteController:
         self.reference = Reference((facts.name,))
 
     def do(self, method: Callable[..., Any], *args: Any) -> Any:
-        """Call one of its methods."""
         return self._host.do(method, self.reference, *args)
 
     def request(self, method: Callable[..., Any], *args: Any, **kwargs: Any) -> None:
@@ -287,7 +286,6 @@ class RemoteController:
         self._host.do(ControlSide.answer, SIDE, method, self.reference, *args, **kwargs)
 
     def error(self, reason: str) -> ControllerError:
-        """Create an error of this controller."""
         return ControllerError(self.name, reason)
 
 

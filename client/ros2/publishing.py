@@ -31,7 +31,6 @@ class Outbox:
         self._polling = host.loop.create_task(self._poll())
 
     def close(self) -> None:
-        """Stop publishing."""
         self._polling.cancel()
 
     def add(self, controller: RemoteController, publisher: Publisher, row: Publication) -> Hashable:
@@ -46,7 +45,6 @@ class Outbox:
         return key
 
     def remove(self, key: Hashable) -> None:
-        """Stop publishing a topic."""
         self._channels.pop(key, None)
         self._host.unlisten(key)
 
@@ -108,7 +106,6 @@ class ClockPublisher:
         host.spin(self.node)
 
     def close(self) -> None:
-        """End the node."""
         self._host.unlisten(CLOCK)
         self._host.close(self.node)
 
@@ -143,7 +140,6 @@ class RobotStatePublisher:
         host.spin(self.node)
 
     def close(self) -> None:
-        """End the node."""
         self._outbox.remove(self._key)
         self._host.close(self.node)
 

@@ -57,7 +57,6 @@ class Execution:
             raise RefusedError("CONTROL_FAILED", f"{controller}: {result.error_code.name}: {result.error_string}")
 
     def stop(self) -> None:
-        """Stop the current trajectory, if any."""
         if self._following is not None:
             self._following.cancel()
 
@@ -127,7 +126,6 @@ class _Action:
             raise RefusedError("PREEMPTED", "the goal was canceled before the arm moved")
 
     def _response_in(self, result: Any) -> Any:
-        """The part of a result that has the error code."""
         return result
 
     async def _work(self, handle: Any, result: Any) -> None:
@@ -324,5 +322,4 @@ class SequenceAction(_PlanAndMove):
 
 
 def _name(handle: Any) -> bytes:
-    """The identifier of a goal."""
     return bytes(handle.goal_id.uuid)

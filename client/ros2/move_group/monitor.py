@@ -42,7 +42,6 @@ class Monitor:
         return q
 
     async def wait_for_change(self) -> None:
-        """Wait until the scene changes."""
         future = asyncio.get_running_loop().create_future()
         self._waiting.append(future)
         await future

@@ -156,14 +156,12 @@ class MoveGroupNode:
     # in the event loop
 
     async def _context(self) -> RequestContext:
-        """The context of a request."""
         q = await self._monitor.current_configuration()
         return RequestContext(self._arm, self._monitor.state, q)
 
     # anywhere
 
     def _publish_plan(self, plan: PlanResult) -> None:
-        """Publish a plan for RViz."""
         message = interface("moveit_msgs/msg/DisplayTrajectory")()
         message.model_id = self._arm.model.name
         message.trajectory_start = self._arm.state_message(plan.start_rad)
@@ -181,12 +179,10 @@ class MarkerPublisher:
         self._path = node.create_publisher(interface(_ARRAY), "~/path_markers", LATCHED)
 
     def scene(self, state: SceneState) -> None:
-        """Draw a scene instead of the last one."""
         markers = scene_markers(state.scene(), None, prefix=self._arm.prefix)
         self._scene.publish(_message([{"action": _DELETE_ALL}, *markers]))
 
     def path(self, state: SceneState, plan: PlanResult) -> None:
-        """Draw the path of the flange."""
         self._path.publish(_message([path_marker(state.scene(), plan.trajectory.q, prefix=self._arm.prefix)]))
 
 

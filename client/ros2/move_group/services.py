@@ -150,12 +150,10 @@ def _contact(state: SceneState, arm: Arm, pair: PairDistance) -> Any:
 
 
 def get_planning_scene(now: RequestContext, request: Any, response: Any) -> None:
-    """The scene, or the requested components of it."""
     response.scene = now.state.message(now.q_rad, request.components.components)
 
 
 def query_planner_interface(now: RequestContext, request: Any, response: Any) -> None:
-    """The available planners."""
     kind = interface("moveit_msgs/msg/PlannerInterfaceDescription")
     response.planner_interfaces = [
         kind(name=name, pipeline_id=name, planner_ids=list(names)) for name, names in PLANNERS.items()
@@ -169,7 +167,6 @@ def get_urdf(now: RequestContext, request: Any, response: Any) -> None:
 
 
 def plan_kinematic_path(now: RequestContext, request: Any, response: Any) -> PlanResult:
-    """Plan one motion."""
     answer, wanted = response.motion_plan_response, request.motion_plan_request
     answer.group_name = wanted.group_name
     plan = plan_motion(now.arm, now.state, wanted, now.q_rad)
@@ -282,7 +279,6 @@ def answer_request(
 
 
 def set_response_code(response: Any, code: str, reason: str) -> None:
-    """Set the code of a response that has one."""
     for holder in (response, *(getattr(response, name, None) for name in ("motion_plan_response", "response"))):
         if hasattr(holder, "error_code"):
             set_code(holder.error_code, code, reason)
