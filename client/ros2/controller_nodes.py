@@ -15,6 +15,7 @@ from client.ros2.control_side import SIDE, ControllerFacts, ControlSide, RobotFa
 from client.ros2.host import (
     LATCHED,
     SYSTEM_DEFAULT,
+    HostedNode,
     NodeHost,
     RefusalLog,
     RemoteController,
@@ -65,7 +66,7 @@ class ControllerNodes:
             node.close()
 
 
-class ControllerNode:
+class ControllerNode(HostedNode):
     """One controller as a node of the same name."""
 
     def __init__(
@@ -76,9 +77,8 @@ class ControllerNode:
         transforms: Transforms,
         controller: RemoteController,
     ) -> None:
-        self._host = host
+        super().__init__(host, controller.name)
         self._outbox = outbox
-        self.node: Node = host.node(controller.name)
         parameters.declare(
             self.node,
             controller.parameters,
@@ -96,10 +96,9 @@ class ControllerNode:
         serve_actions(host, self.node, controller, transforms)
 
     def close(self) -> None:
-        """End the node; not from its own thread."""
         for key in self._keys:
             self._outbox.remove(key)
-        self._host.close(self.node)
+        super().close()
 
 
 class _Listener:

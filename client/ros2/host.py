@@ -20,6 +20,7 @@ from collections.abc import Callable, Coroutine, Hashable, Sequence
 from importlib import import_module
 from typing import Any, Final, TypeVar
 
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -265,6 +266,22 @@ class NodeHost:
         tasks.add(task)
         task.add_done_callback(on_done)
         return ended
+
+
+class HostedNode:
+    """A node of a host, which a subclass lets spin at the end of its construction, until `close`."""
+
+    def __init__(self, host: NodeHost, name: str) -> None:
+        self._host = host
+        self.node: Node = host.node(name)
+
+    def close(self) -> None:
+        """End the node, and what it has begun; not from its own thread."""
+        self._host.close(self.node)
+
+    def _fixed(self, name: str, value: Any) -> Any:
+        """The value of a parameter that can only be given at the start."""
+        return self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True)).value
 
 
 class RemoteController:

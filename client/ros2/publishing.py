@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from client.errors import ClientError
 from client.ros2.control_side import CLOCK, SIDE, ControlSide
 from client.ros2.frames import Frames
-from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, interface, stamp
+from client.ros2.host import LATCHED, SYSTEM_DEFAULT, HostedNode, NodeHost, RemoteController, interface, stamp
 from client.ros2.topics import MOVING_FRAMES, Publication, PublishingContext
 from urproto.robots import RobotModel
 from urproto.robots.description import urdf
@@ -95,19 +95,18 @@ class _Channel:
             self._publisher.publish(self._message)
 
 
-class ClockPublisher:
+class ClockPublisher(HostedNode):
     """Publishes the time of ROS as ``/clock`` with each batch of messages, for ``use_sim_time`` of other nodes."""
 
     def __init__(self, host: NodeHost) -> None:
-        self._host = host
-        self.node = host.node("robot_clock")
+        super().__init__(host, "robot_clock")
         self._publisher = self.node.create_publisher(interface(_CLOCK), "/clock", SYSTEM_DEFAULT)
         host.listen(CLOCK, self._publish)
         host.spin(self.node)
 
     def close(self) -> None:
         self._host.unlisten(CLOCK)
-        self._host.close(self.node)
+        super().close()
 
     def _publish(self, time_s: float) -> None:
         message = interface(_CLOCK)()
@@ -115,15 +114,14 @@ class ClockPublisher:
         self._publisher.publish(message)
 
 
-class RobotStatePublisher:
-    """Publishes a model's description and frames; the node spins from its creation."""
+class RobotStatePublisher(HostedNode):
+    """Publishes a model's description and frames."""
 
     def __init__(
         self, host: NodeHost, outbox: Outbox, model: RobotModel, states: RemoteController, prefix: str = ""
     ) -> None:
-        self._host = host
+        super().__init__(host, "robot_state_publisher")
         self._outbox = outbox
-        self.node = host.node("robot_state_publisher")
         description = urdf(model, prefix=prefix)
         self.node.declare_parameter("robot_description", description)
         self.node.declare_parameter("frame_prefix", "")
@@ -141,7 +139,7 @@ class RobotStatePublisher:
 
     def close(self) -> None:
         self._outbox.remove(self._key)
-        self._host.close(self.node)
+        super().close()
 
 
 def publisher(node: Node, row: Publication) -> Publisher:

@@ -6,7 +6,6 @@ from itertools import combinations
 from typing import Any, Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
@@ -14,7 +13,7 @@ from std_msgs.msg import String
 from client.errors import PlanningError
 from client.planning import NAMED_CONFIGURATIONS
 from client.planning.markers import Marker, path_marker, scene_markers
-from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
+from client.ros2.host import LATCHED, HostedNode, NodeHost, interface, interface_if_any
 from client.ros2.move_group.actions import ExecuteTrajectoryAction, Execution, MoveAction, SequenceAction
 from client.ros2.move_group.arm import GROUP, Arm, RefusedError
 from client.ros2.move_group.monitor import Monitor
@@ -43,19 +42,18 @@ _ARRAY: Final = "visualization_msgs/msg/MarkerArray"
 _DELETE_ALL: Final = 3  # visualization_msgs/Marker
 
 
-class MoveGroupNode:
-    """The node; it spins from its construction until `close`."""
+class MoveGroupNode(HostedNode):
+    """The node; a trajectory in progress is stopped when it is closed."""
 
     def __init__(self, host: NodeHost, monitor: Monitor) -> None:
-        self._host = host
-        self.node = node = host.node(NAME)
+        super().__init__(host, NAME)
+        node = self.node
         self._monitor = monitor
         self._arm = arm = monitor.arm
         self._execution = Execution(host)
         semantic = srdf(self._arm)
-        fixed = ParameterDescriptor(read_only=True)
-        node.declare_parameter("robot_description", urdf(arm.model, prefix=arm.prefix), fixed)
-        node.declare_parameter("robot_description_semantic", semantic, fixed)
+        self._fixed("robot_description", urdf(arm.model, prefix=arm.prefix))
+        self._fixed("robot_description_semantic", semantic)
         self._semantic = node.create_publisher(String, "robot_description_semantic", LATCHED)
         self._semantic.publish(String(data=semantic))
         self._scene = node.create_publisher(
@@ -81,10 +79,6 @@ class MoveGroupNode:
             SequenceAction(host, node, self._execution, self._monitor, self._publish_plan),
         )
         host.spin(node)
-
-    def close(self) -> None:
-        """Shut the node down; a trajectory in progress is stopped."""
-        self._host.close(self.node)
 
     # in the node's thread
 
