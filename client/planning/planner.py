@@ -200,7 +200,7 @@ class Planner:
         return Plan(
             trajectory,
             (start, *(q for waypoints in corners for q in waypoints)),
-            _planner_names(items),
+            ", ".join(dict.fromkeys(item.planner for item in items)),
             found_s - began_s - shortcutting_s,
             shortcutting_s,
             time.perf_counter() - found_s,
@@ -407,7 +407,3 @@ def _interpolated(path: Sequence[Array], ends: Array, i: int, distance: float) -
     share = (distance - float(ends[i])) / float(ends[i + 1] - ends[i])
     at: Array = path[i] + share * (path[i + 1] - path[i])
     return at
-
-
-def _planner_names(items: Sequence[MotionSequenceItem]) -> str:
-    return ", ".join(dict.fromkeys(item.planner for item in items))

@@ -24,7 +24,7 @@ from client.controllers.servo import (
 )
 from client.errors import ClientError
 from client.planning import CollisionChecker
-from client.planning.monitoring import free_share
+from client.planning.collisions import free_share
 from client.ros2 import parameters
 from client.ros2.control_side import SERVO, SERVO_STATUS
 from client.ros2.host import LATCHED, HostedNode, NodeHost, RefusalLog, interface, interface_if_any

@@ -280,7 +280,7 @@ class PlannedMove:
 
 
 def _blocking_reason(monitored: MonitoredScene, plan: "Plan", q_rad: Sequence[float]) -> str:
-    from client.planning.monitoring import blocking_reason
+    from client.planning.collisions import blocking_reason
 
     return blocking_reason(monitored.checker, plan.trajectory, q_rad)
 

@@ -9,7 +9,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from client.controllers.goals import GoalStatus
 from client.errors import ClientError, PlanningError
 from client.planning import CollisionChecker, Trajectory
-from client.planning.monitoring import blocking_reason
+from client.planning.collisions import blocking_reason
 from client.ros2.control_side import SIDE, ControlSide
 from client.ros2.host import NodeHost, interface
 from client.ros2.move_group.arm import RefusedError, set_code
