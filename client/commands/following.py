@@ -25,6 +25,8 @@ PortOffset: TypeAlias = Annotated[
     int, typer.Option("--port-offset", help="Offset added to each port, as given to the emulator.")
 ]
 
+INTERRUPTED: Final = 130
+"""Exit status of a program that Ctrl-C ended."""
 
 _LINE_S: Final = 5.0  # between two lines, to keep the log of a long motion short
 _RECONNECT_S: Final = 5.0  # time limit of one attempt
