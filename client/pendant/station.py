@@ -397,7 +397,8 @@ class Station:
             self.dialogues.handle_message(message)
             self.stops.handle_message(message)
             self.programs.handle_message(message)
-            self._read_only |= self._script_sent and _reports_read_only(message)
+            if isinstance(message, ErrorCodeMessage) and message.code == _READ_ONLY_CODE:
+                self._read_only |= self._script_sent
 
     async def _wait_through_pause(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
         """Wait for the next message or state, however long time is paused."""
@@ -412,10 +413,6 @@ class Station:
         """Update the pages: something other than the state has changed."""
         event, self._update_event = self._update_event, asyncio.Event()
         event.set()
-
-
-def _reports_read_only(message: object) -> bool:
-    return isinstance(message, ErrorCodeMessage) and message.code == _READ_ONLY_CODE
 
 
 async def _cancel(task: "asyncio.Task[Any]") -> None:

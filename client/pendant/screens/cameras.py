@@ -22,7 +22,7 @@ def build(page: Page) -> None:
         page.live.text(
             lambda station: station.cameras.view_description(view.name) if view.name else "", "cameras-description"
         ).props("data-testid=camera-view")
-        page.live.text(_absence_text).props("data-testid=camera-absent")
+        page.live.text(lambda s: "" if s.cameras.available else _NO_CAMERAS).props("data-testid=camera-absent")
     page.live.effect(_available_cameras, view.set_cameras)
     page.live.on_show.append(view.on_screen_change)
 
@@ -30,10 +30,6 @@ def build(page: Page) -> None:
 def _available_cameras(station: Station) -> Any:
     """Names and sizes of the cameras, without their poses, which may change constantly."""
     return tuple((camera.name, camera.width, camera.height) for camera in station.cameras.available)
-
-
-def _absence_text(station: Station) -> str:
-    return "" if station.cameras.available else _NO_CAMERAS
 
 
 class _View:

@@ -295,11 +295,12 @@ def _stage_box(page: Page, number: int, name: str) -> None:
     with ui.element("div").classes("init-stage") as box:
         ui.element("span").classes("init-stage-dot")
         ui.label(name).classes("init-stage-name")
-    page.live.bind(box, "state", lambda station: _stage_state(station.situation.stage, number))
 
+    def state(station: Station) -> str:
+        current = station.situation.stage
+        return "now" if number == current else "done" if number < current else "next"
 
-def _stage_state(current: int, number: int) -> str:
-    return "now" if number == current else "done" if number < current else "next"
+    page.live.bind(box, "state", state)
 
 
 def _power_button(page: Page, text: str, icon: str, operation: Operation[None], test_id: str, action: Action) -> None:

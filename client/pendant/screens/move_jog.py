@@ -13,12 +13,12 @@ from client.errors import MotionStoppedError
 from client.pendant.jogging import Velocity
 from client.pendant.mover import STALE_S
 from client.pendant.page import EXPECTED_ERRORS, Page
-from client.pendant.readings import UNKNOWN
+from client.pendant.readings import UNKNOWN, shown_pose
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints
-from urproto.robots.pose import rotvec_to_matrix, rotvec_to_rpy
+from urproto.robots.pose import rotvec_to_matrix
 from urproto.vectors import Matrix3
 
 FEATURES: Final = {"base": "Base", "tool": "Tool", "view": "View"}
@@ -190,11 +190,8 @@ class JogPanels:
         pose = station.values.get("actual_TCP_pose")
         if pose is None:
             return UNKNOWN
-        if axis < 3:
-            return _format_number(1e3 * pose[axis], 2)
-        if self._settings.as_rpy:
-            return _format_number(degrees(rotvec_to_rpy(*pose[3:])[axis - 3]), 2)
-        return _format_number(pose[axis], 4)
+        as_rpy = self._settings.as_rpy
+        return _format_number(shown_pose(pose, as_rpy)[axis], 2 if axis < 3 or as_rpy else 4)
 
     def _coordinate_unit(self, axis: int, _: Station) -> str:
         return "mm" if axis < 3 else "°" if self._settings.as_rpy else "rad"

@@ -250,7 +250,9 @@ def _play_buttons(page: Page, commands: Commands, button: Callable[..., ui.butto
         new_button = button(text, icon, None, test_id)
         page.bind_button(Action.PLAY, command, new_button, text)
         if emulated:
-            page.live.effect(_can_step, new_button.set_enabled)
+            page.live.effect(
+                lambda s: playback.can_play_files(s) and s.situation.permits(Action.PLAY), new_button.set_enabled
+            )
             page.live.bind(new_button, "title", playback.stepping_refusal)
     breakpoint_button = button(
         "Breakpoint", "stop_circle", page.handler(commands.breakpoint), "program-breakpoint", _BREAKPOINT
@@ -260,10 +262,6 @@ def _play_buttons(page: Page, commands: Commands, button: Callable[..., ui.butto
     page.live.text(lambda s: s.situation.play_refusal or playback.play_hint(s), "program-reason").props(
         "data-testid=program-reason"
     )
-
-
-def _can_step(station: Station) -> bool:
-    return playback.can_play_files(station) and station.situation.permits(Action.PLAY)
 
 
 def _palette(page: Page, selection: Selection) -> None:

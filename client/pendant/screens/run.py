@@ -136,7 +136,9 @@ def _control_panel(page: Page) -> None:
             )
         with ui.row().classes("run-state"):
             state = page.live.text(lambda s: s.situation.program, "chip run-chip")
-            page.live.bind(state.props("data-testid=run-state"), "state", _state_color)
+            page.live.bind(
+                state.props("data-testid=run-state"), "state", lambda s: _STATES.get(s.runtime_state, "wait")
+            )
             ui.space()
             page.program_buttons("", "run-")
 
@@ -165,10 +167,6 @@ def _loaded_text(station: Station) -> str:
     if not station.connected:
         return "–"
     return station.programs.loaded or "No program is loaded"
-
-
-def _state_color(station: Station) -> str:
-    return _STATES.get(station.runtime_state, "wait")
 
 
 def _run_time_text(station: Station) -> str:

@@ -164,7 +164,11 @@ def time_panel(page: Page) -> None:
     with ui.card().classes("panel sim-time"):
         ui.icon("schedule").classes("sim-time-icon")
         live.text(_clock, "sim-clock").props("data-testid=sim-clock")
-        live.bind(live.text(_pace_text, "sim-pace").props("data-testid=sim-pace"), "state", _pace_state)
+        live.bind(
+            live.text(lambda s: s.emulator.pace or "real time", "sim-pace").props("data-testid=sim-pace"),
+            "state",
+            _pace_state,
+        )
         pause = ui.button("Pause", icon="pause", on_click=page.handler(lambda: emulator.change("pause_time")))
         pause.props("unelevated dense data-testid=time-pause").classes("sim-button")
         resume = ui.button("Resume", icon="play_arrow", on_click=page.handler(lambda: emulator.change("resume_time")))
@@ -211,10 +215,6 @@ def _paused(station: Station) -> bool:
 
 def _current_speed(station: Station) -> float:
     return float(station.emulator.time.get("speed", 1.0))
-
-
-def _pace_text(station: Station) -> str:
-    return station.emulator.pace or "real time"
 
 
 def _pace_state(station: Station) -> str:
