@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from client.controllers.controller import Controller, Interfaces, Topic, controller_type
-from client.controllers.parameters import without_effect
+from client.controllers.parameters import PrefixParameters, without_effect
 
 _KINDS: Final = ("position", "velocity", "effort")
 _NO_ROS: Final = "topics have the names that the driver gives them"
@@ -72,10 +72,7 @@ class JointStateBroadcaster(Controller[JointStateParameters]):
 
 
 @dataclass(frozen=True, slots=True)
-class SpeedScalingParameters:
-    """tf_prefix: prefix of the interface's name."""
-
-    tf_prefix: str = ""
+class SpeedScalingParameters(PrefixParameters):
     state_publish_rate: float = without_effect(100.0, _EVERY_CYCLE)
 
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from client.controllers.calls import Call, CallingController, CallParameters
 from client.controllers.controller import Controller, controller_type
-from client.controllers.parameters import without_effect
+from client.controllers.parameters import PrefixParameters, without_effect
 from urproto.compat import IntEnum
 
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
@@ -22,10 +22,9 @@ FORCE_MODE_ANSWER: Final = "force_mode/force_mode_async_success"
 
 
 @dataclass(frozen=True, slots=True)
-class FreedriveParameters:
+class FreedriveParameters(PrefixParameters):
     """inactive_timeout: how long freedrive lasts after the last call [s]."""
 
-    tf_prefix: str = ""
     inactive_timeout: int = 1
     check_io_successful_retries: int = without_effect(10, "the timeout is measured in robot time")
 
@@ -132,10 +131,7 @@ class ToolContactState(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class ToolContactParameters:
-    """tf_prefix: prefix of all interface names."""
-
-    tf_prefix: str = ""
+class ToolContactParameters(PrefixParameters):
     action_monitor_rate: float = without_effect(20.0, "results are reported in the cycle in which they occur")
 
 
@@ -169,7 +165,6 @@ class ToolContactController(Controller[ToolContactParameters]):
 
     @property
     def watching(self) -> bool:
-        """True while it watches for a contact."""
         return self._call is not None
 
     def detect_tool_contact(self) -> Call:

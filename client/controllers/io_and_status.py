@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Final, NamedTuple
 
 from client.controllers.calls import Call, CallingController, CallParameters
 from client.controllers.controller import Controller, Topic, controller_type
-from client.controllers.parameters import without_effect
+from client.controllers.parameters import PrefixParameters, without_effect
 from urproto.signals import SIGNALS
 
 _EVERY_CYCLE: Final = "the effect is waited for in robot time"
@@ -65,10 +65,9 @@ class ToolData(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class GPIOParameters:
-    """tf_prefix: prefix of all names. verify_payload_on_set: a payload counts as set once the robot reports it."""
+class GPIOParameters(PrefixParameters):
+    """verify_payload_on_set: a payload counts as set once the robot reports it."""
 
-    tf_prefix: str = ""
     check_io_successfull_retries: int = without_effect(10, _EVERY_CYCLE)
     verify_payload_on_set: bool = True
 

@@ -8,11 +8,11 @@ second marker is taken. Source of interfaces, states and numbers: motion_primiti
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from client.controllers.controller import NO_COMMAND, controller_type
 from client.controllers.goals import GoalController, GoalHandle, MotionPrimitive, PrimitiveType
+from client.controllers.parameters import PrefixParameters
 from client.driver import points
 from urproto.compat import IntEnum
 from urproto.external_control import TrajectoryPoint
@@ -59,7 +59,6 @@ class ExecutionStatus(IntEnum):
 
 
 def commands_of(primitive: MotionPrimitive) -> list[float]:
-    """Values of `PRIMITIVE_COMMANDS` for a primitive."""
     q_rad = primitive.q_rad or (NO_COMMAND,) * _JOINTS
     poses = (_numbers(pose) for pose in (primitive.pose_base_tcp, primitive.via_base_tcp))
     rest = (primitive.blend_radius_m, primitive.velocity, primitive.acceleration, primitive.move_time_s)
@@ -122,21 +121,14 @@ def problem_of(primitive: MotionPrimitive) -> str | None:
     return f"it needs {'' if circular else 'move_time, or '}velocity and acceleration, above 0"
 
 
-@dataclass(frozen=True, slots=True)
-class MotionPrimitivesParameters:
-    """tf_prefix: prefix of all interface names."""
-
-    tf_prefix: str = ""
-
-
 @controller_type("motion_primitives_controllers/MotionPrimitivesForwardController")
-class MotionPrimitivesForwardController(GoalController[MotionPrimitivesParameters]):
+class MotionPrimitivesForwardController(GoalController[PrefixParameters]):
     """Lets the robot itself execute moves in joint space, lines and arcs; also during force mode.
 
     It takes one goal at a time, with one or more primitives. The goal succeeds when the last one has been executed.
     """
 
-    def __init__(self, name: str, parameters: MotionPrimitivesParameters, update_rate_hz: float) -> None:
+    def __init__(self, name: str, parameters: PrefixParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self._queue: deque[list[float]] = deque()
         self._stop_wanted = self._stopping = False
