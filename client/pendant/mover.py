@@ -289,7 +289,6 @@ class Mover:
                 self._releasing = False
 
     async def close(self) -> None:
-        """Come to rest and disconnect."""
         with suppress(URError, OSError):
             await self.stop()
         await self._release_quietly()

@@ -301,7 +301,6 @@ class Page:
             self.bind_button(action, callback, button.props(f"data-testid={test_id_prefix}{name.lower()}"), name)
 
     def show_if(self, element: ui.element, read: Callable[[Station], bool]) -> None:
-        """Show an element only while a condition is true."""
         element.set_visibility(read(self.station))
         self.live.effect(read, element.set_visibility)
 

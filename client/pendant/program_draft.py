@@ -149,7 +149,6 @@ class ProgramDraft:
         return {f"{stem}.script": script, f"{stem}.txt": text, f"{stem}{_EXTENSION}": self.data()}
 
     def new(self) -> None:
-        """Replace the program by an empty one."""
         self._replace(self._create_empty(), "")
 
     def open(self, data: bytes, path: str) -> None:
@@ -186,7 +185,6 @@ class ProgramDraft:
         self._on_change()
 
     def notify_pages(self) -> None:
-        """Update the pages because a setting of one has changed."""
         self._on_change()
 
     # edits
@@ -288,7 +286,6 @@ class ProgramDraft:
         self._mark_changed()
 
     def toggle_breakpoint(self, node: str) -> None:
-        """Set a breakpoint at a node, or remove it."""
         self.view.number(node)
         self.view.breakpoints ^= {node}
         self._on_change()

@@ -89,7 +89,6 @@ class Programs:
             self.refresh()
 
     def refresh(self) -> None:
-        """Query again, because something may have changed."""
         self._changed.set()
 
     def run_time_s(self, now_s: float) -> float | None:
@@ -105,7 +104,6 @@ class Programs:
         return int(station.values.get(_LINE_FIELD, 0))
 
     def reports_line(self, station: Robot) -> bool:
-        """Whether the robot's software reports the line."""
         return _LINE_FIELD not in station.unavailable
 
     # queries

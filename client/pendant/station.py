@@ -230,7 +230,6 @@ class Station:
 
     @property
     def situation(self) -> Situation:
-        """The permitted actions, and the state of the arm as texts."""
         if not self.connected:
             return situation(RobotStatus())
         mode = self.safety_mode

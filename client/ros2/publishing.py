@@ -143,6 +143,5 @@ class RobotStatePublisher(HostedNode):
 
 
 def publisher(node: Node, row: Publication) -> Publisher:
-    """Create the publisher for a row of the table of topics."""
     quality = LATCHED if row.latched else SYSTEM_DEFAULT if row.depth == 1 else QoSProfile(depth=row.depth)
     return node.create_publisher(interface(row.type), row.name, quality)

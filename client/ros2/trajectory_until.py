@@ -183,12 +183,10 @@ class _RunningGoals:
         self.goal: Any = None
 
     def end(self, _: object) -> None:
-        """Note that one of them has ended."""
         if not self.ended.done():
             self.ended.set_result(None)
 
     def cancel(self) -> None:
-        """Cancel the goals that have not ended."""
         for handle in (self.contact, self.motion):
             if handle.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_UNKNOWN):
                 handle.cancel_goal_async()

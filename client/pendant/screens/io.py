@@ -102,7 +102,6 @@ def build_tool(page: Page) -> None:
 
 
 def build_supply(page: Page) -> None:
-    """Voltages and currents of the control box and the arm."""
     with page.panel("Supply", "power-panel"), ui.element("div").classes("supply-facts"):
         page.fact("Main", field_text("actual_main_voltage", "{:.1f} V"))
         page.fact("Arm", field_text("actual_robot_voltage", "{:.1f} V"))

@@ -150,7 +150,6 @@ class JogPanels:
                     _hold_buttons(self._page, "joint", i, str(i), title)
 
     def speed_and_freedrive(self) -> None:
-        """The panel with the speed of motions and the freedrive buttons."""
         page, settings = self._page, self._settings
         with page.panel("Speed and freedrive"):
             with ui.row().classes("move-speed"):

@@ -96,7 +96,6 @@ class Commands:
         return self.by_name[name]()
 
     def cut(self) -> None:
-        """Move the node to the clipboard of the station."""
         self._draft.copy(self._selection.node)
         self.delete()
 
@@ -108,7 +107,6 @@ class Commands:
         self._selection.choose(neighbour)
 
     async def breakpoint(self) -> None:
-        """Set or remove a breakpoint at the node."""
         self._draft.toggle_breakpoint(self._selection.node)
         await playback.send_breakpoints(self.page.station)
 
@@ -192,7 +190,6 @@ class Commands:
         page.show_message(f"{path} is saved")
 
     async def download(self) -> None:
-        """Download the program to the browser's machine."""
         name = PurePosixPath(self._draft.path or "unnamed.urp").name
         ui.download(self._draft.data(), name)
 

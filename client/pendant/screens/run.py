@@ -76,7 +76,6 @@ def _marked_numbers(station: Station, tree: bool) -> list[int]:
 
 
 def _thread_positions(station: Station) -> str:
-    """The label that each thread is executing."""
     return "   ".join(f"{thread.name}: {thread.label}" for thread in station.programs.threads if thread.label)
 
 

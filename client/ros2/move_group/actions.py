@@ -190,7 +190,6 @@ class _PlanAndMove(_Action):
         raise NotImplementedError
 
     def _fill_result(self, result: Any, plan: PlanResult, *, executed: bool) -> None:
-        """Fill the result with what was planned or executed."""
         raise NotImplementedError
 
     async def _work(self, handle: Any, result: Any) -> None:

@@ -305,7 +305,6 @@ def _is_inside(arm: Arm, q_rad: Sequence[float]) -> bool:
 
 
 def is_empty(constraints: Any) -> bool:
-    """Whether a moveit_msgs/Constraints contains no constraint."""
     return not any(
         (
             constraints.joint_constraints,
