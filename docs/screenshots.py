@@ -19,7 +19,7 @@ from typing import Any
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from client.pendant.program_draft import ProgramDraft
-from client.pendant.program_file import ProgramFile, SavedDraft
+from client.pendant.saved import ProgramFile, SavedDraft
 from emulator.journal.file import MemorySink
 from emulator.journal.recorder import record
 from emulator.journal.trace import trace_of

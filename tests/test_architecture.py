@@ -63,6 +63,7 @@ THIRD_PARTY = {
         "emulator.peers",
         "emulator.safety.files",
         "client.controllers.goal_files",
+        "client.controllers.session",
         "urproto.structures",
         "urproto.worldfile",
     ),
@@ -89,6 +90,7 @@ THIRD_PARTY = {
         "client.cameras",
         "client.controllers.servo",
         "client.pendant.cameras",
+        "client.pendant.jogging",
         "client.recording",
         "client.ros2.message_builder",
         "client.identification",
@@ -213,7 +215,7 @@ WRITES_FILES = {
     "emulator.lockstep.clock": "the memory that processes share, which is gone with them, and a compiled library",
     "emulator.physics.drawing": "pictures in memory, and the pipe to the robot",
     "emulator.programs.own_folder": "copies to a temporary folder, which has no earlier content",
-    "client.pendant.program_file": "renames an unreadable file",
+    "client.pendant.saved": "renames an unreadable file",
     "client.tool_communication": "a link to a serial device",
     "client.controllers.serving": "locks, and an address that is gone with its process",
     "client.ros2.message_packages": "a cache, which is built again if its manifest does not fit",
@@ -357,11 +359,7 @@ def _beyond_the_codec(name: str) -> Iterator[str]:
 def test_importing_the_language_or_protocols_does_not_load_pinocchio() -> None:
     for name in modules():
         if "pinocchio" in imports(name, at_import_time=True):
-            assert name in (
-                "urproto.robots.pinocchio_dynamics",
-                "client.planning.collision_model",
-                "client.planning.solids",
-            )
+            assert name in ("urproto.robots.pinocchio_dynamics", "client.planning.collision_model")
 
 
 def test_no_import_cycles() -> None:

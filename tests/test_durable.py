@@ -24,8 +24,7 @@ from client.decoding.packets import SocketAddress
 from client.errors import ClientError
 from client.identification.identify import write_arm
 from client.lerobot import write_dataset
-from client.pendant.program_file import ProgramFile, SavedDraft
-from client.pendant.saved import Poses
+from client.pendant.saved import Poses, ProgramFile, SavedDraft
 from client.recording import Recorder, convert, read
 from client.recording.plots import draw_trajectory
 from client.traffic.recording import TrafficRecorder, TrafficRecording

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Protocol, TypeAlias
 
 import typer
 
-from client.commands.following import ProgressBar
+from client.commands.following import INTERRUPTED, ProgressBar
 from client.controllers import (
     ControllersFile,
     ErrorCode,
@@ -38,7 +38,6 @@ _REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
 _READY_S: Final = 120.0  # guess: an arm that boots and releases its brakes
 _SLOW: Final = ("make_ready", "set_hardware_component_state", "begin_recording", "end_recording")
 _FREE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
-_INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
 _RELEASE: Final = {
     SafetyMode.PROTECTIVE_STOP: "After 5 s, release it on the pendant, or run ur-client dashboard "
     "'unlock protective stop' and ur-client dashboard play.",
@@ -132,11 +131,9 @@ class Target:
     make_ready: bool = False
     record: Path | None = None
     speed_slider: float | None = None
-    prefix: str = ""
 
     @property
     def ports(self) -> dict[str, int]:
-        """The robot's ports."""
         return robot_ports(self.port_offset)
 
     def manager(self) -> _Shared:
@@ -173,8 +170,7 @@ class Target:
     async def _open_alone(self) -> AsyncIterator[ArmAccess]:
         control = RobotControl(
             self.robot_ip,
-            controllers_file(self.controllers, self.prefix),
-            prefix=self.prefix,
+            controllers_file(self.controllers),
             make_ready=self.make_ready,
             outputs=DEFAULT_FIELDS if self.record else (),
             robot_ports=self.ports,
@@ -192,7 +188,7 @@ class Target:
         if arm.owns_manager or self.controllers is None:
             types = await arm.request("list_available")
         else:
-            types = read_controllers(self.controllers, self.prefix).types
+            types = read_controllers(self.controllers).types
         if not (name := trajectory_controller(types)):
             raise ControllerError("controllers file", "it has no trajectory controller: name one with --controller")
         return name
@@ -218,7 +214,7 @@ class Target:
         """Type and parameters of a controller from the file, for a manager that did not read the same file."""
         if arm.owns_manager or self.controllers is None:
             return {}
-        file = controllers_file(self.controllers, self.prefix)
+        file = controllers_file(self.controllers)
         return {"type": file.type_of(name), "parameters": file.parameters_of(name)}
 
 
@@ -235,7 +231,7 @@ def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
     return file
 
 
-def run(work: Coroutine[Any, Any, None], *, interrupted: int = _INTERRUPTED) -> None:
+def run(work: Coroutine[Any, Any, None], *, interrupted: int = INTERRUPTED) -> None:
     """Run a coroutine. Ctrl-C and SIGTERM end it in an orderly way, with the arm at rest. interrupted: exit status."""
     try:
         asyncio.run(_until_terminated(work))

@@ -79,7 +79,6 @@ def serve_command(
 
 
 async def serve(options: ManagerOptions) -> None:
-    """Run the manager until cancelled."""
     with claim(options.robot_ip, options.rtde_port) as place:
         async with reached(options) as control:
             running = RunningManager(control, headless=options.headless)
@@ -103,7 +102,6 @@ def _request(robot_ip: str, port_offset: int, do: str, **arguments: Any) -> Any:
 
 
 def _request_for_each(robot_ip: str, port_offset: int, do: str, names: Sequence[str], done: str) -> None:
-    """Send the same request for one controller after the other."""
     for name in names:
         _request(robot_ip, port_offset, do, name=name)
         typer.echo(f"Successfully {done} {name}")
@@ -337,7 +335,6 @@ def _format(value: float | None) -> str:
 def _print(
     found: Any, as_json: bool, headings: Sequence[str], rows: Iterable[Iterable[str]], title: str | None = None
 ) -> None:
-    """Print what was found, or a table of it."""
     if as_json:
         print_json(found)
         return

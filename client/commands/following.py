@@ -25,6 +25,8 @@ PortOffset: TypeAlias = Annotated[
     int, typer.Option("--port-offset", help="Offset added to each port, as given to the emulator.")
 ]
 
+INTERRUPTED: Final = 130
+"""Exit status of a program that Ctrl-C ended."""
 
 _LINE_S: Final = 5.0  # between two lines, to keep the log of a long motion short
 _RECONNECT_S: Final = 5.0  # time limit of one attempt
@@ -69,7 +71,6 @@ class ProgressBar:
             self.print_line(f"{self._title}: {100.0 * share:.0f} % after {text}")
 
     def print_line(self, text: str) -> None:
-        """Print a separate line above the bar."""
         self._console.print(text, markup=False, soft_wrap=not self._console.is_terminal)
 
 

@@ -1,6 +1,7 @@
 """``ur-client plan``: plan a collision-free path around obstacles, and execute it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +21,6 @@ from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
     from client.planning import Limits, Plan, PlanningScene
-    from urscript.polyscope.safety_configuration import SafetyConfiguration
 
 
 def plan_command(
@@ -116,9 +116,8 @@ def plan_command(
 
         items = [parse_item(goal, planner, degrees) for goal in goals]
         if start is not None and model is not None:
-            around = _scene(PlanningScene(model_named(model), padding_m=padding), scene)
-            if safety is not None:
-                around.set_safety(_read_safety(safety))
+            around = PlanningScene(model_named(model), padding_m=padding)
+            _surround(around, scene, safety)
             begin = angles(start, degrees)
             kept = constraints(around, begin, ZERO6, keep_orientation, keep_within)
             alone = Planner(around, _limits(around, jerk))
@@ -130,9 +129,8 @@ def plan_command(
         target = Target(robot_ip, port_offset, make_ready=make_ready, record=record)
         async with AsyncRobot(robot_ip, robot_ports=target.ports) as robot:
             tcp = robot.planning.tcp_offset()
-            around = _scene(PlanningScene(await robot.planning.model(), padding_m=padding), scene, tcp)
-            if safety is not None:
-                around.set_safety(_read_safety(safety), tcp)
+            around = PlanningScene(await robot.planning.model(), padding_m=padding)
+            _surround(around, scene, safety, tcp)
             kept = constraints(around, robot.q, tcp, keep_orientation, keep_within)
             options["limits"] = _limits(around, jerk)
             plan = await robot.planning.plan_sequence(items, around, path_constraints=kept, **options)
@@ -147,10 +145,8 @@ def plan_command(
 
 async def _execute(plan: "Plan", target: Target, controller: str, drawn: "PlanningScene | None") -> Result:
     """Have the robot execute a plan. drawn: the scene to draw into the recording, together with the path."""
-    samples = (
-        values.tolist()
-        for values in (plan.trajectory.times_s, plan.trajectory.q, plan.trajectory.qd, plan.trajectory.qdd)
-    )
+    planned = plan.trajectory
+    samples = (values.tolist() for values in (planned.times_s, planned.q, planned.qd, planned.qdd))
     async with target.open() as arm:
         state = await arm.request("robot_state")
         current = state["positions"]  # by name, with the manager's prefix, base to wrist 3
@@ -184,20 +180,22 @@ def _limits(scene: "PlanningScene", jerk: float | None) -> "Limits":
     return default_limits(scene.model) if jerk is None else default_limits(scene.model, jerk)
 
 
-def _scene(scene: "PlanningScene", path: Path | None, tcp_offset: Pose = ZERO6) -> "PlanningScene":
-    if path is not None:
-        try:
-            scene.update(path, tcp_offset)
-        except OSError as error:
-            raise typer.BadParameter(f"cannot read {path}: {error.strerror}") from error
-    return scene
-
-
-def _read_safety(path: Path) -> "SafetyConfiguration":
+def _surround(scene: "PlanningScene", world: Path | None, safety: Path | None, tcp_offset: Pose = ZERO6) -> None:
+    """Add the objects of a world file, and the safety planes of an installation file."""
     from client.planning import read_safety
 
+    if world is not None:
+        with _reading(world):
+            scene.update(world, tcp_offset)
+    if safety is not None:
+        with _reading(safety):
+            scene.set_safety(read_safety(safety), tcp_offset)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
     try:
-        return read_safety(path)
+        yield
     except OSError as error:
         raise typer.BadParameter(f"cannot read {path}: {error.strerror}") from error
 

@@ -15,7 +15,7 @@ from client import rtde
 from client.calibration import read_calibration
 from client.cameras import Shot
 from client.commands.cameras import DEFAULT_HZ, CameraNames, CameraOptions, CameraPort, CameraRate, follow_cameras
-from client.commands.following import Interrupts, PortOffset, ProgressBar, RobotIP, Sink, connect, follow
+from client.commands.following import INTERRUPTED, Interrupts, PortOffset, ProgressBar, RobotIP, Sink, connect, follow
 from client.commands.scene_drawing import DrawnServer, model_of_robot, scene_drawing
 from client.controllers.remote import check_no_manager
 from client.driver.config import robot_ports
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 _APPROACH_RAD_S: Final = 0.3  # guess: slow enough to reach the emergency stop in time
 _APPROACH_RAD_S2: Final = 0.5
 _POLL_S: Final = 0.1
-_INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
 _STREAM_HZ: Final = 50.0  # smooth enough for any screen
 
 
@@ -149,7 +148,7 @@ def exclusive_motion(robot_ip: str, ports: Mapping[str, int]) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         typer.echo("stopped", err=True)
-        raise typer.Exit(_INTERRUPTED) from None
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def check_and_confirm(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool) -> None:
@@ -240,7 +239,6 @@ class _Source:
         return CameraOptions(self.robot_ip, port, self.camera or (), self.camera_rate, self.depth)
 
     def drawing(self) -> "SceneDrawing | None":
-        """See `scene_drawing`."""
         return scene_drawing(self.scene, self.plan, self.names, self.robot_ip, self.port_offset)
 
     def connect(

@@ -80,5 +80,4 @@ class DrawnServer:
             self._server.write_markers(topic, markers, time_ns)
 
     def close(self) -> None:
-        """Disconnect everybody."""
         self._server.close()

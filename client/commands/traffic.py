@@ -19,7 +19,6 @@ from rich.table import Table
 from client.commands.following import PortOffset, RobotIP
 from client.decoding.codecs import CODECS, Side
 from client.decoding.session import Choice, DecodingSession, InputForm
-from client.decoding.streams import Line
 from client.traffic.peers_file import PeersRecorder
 from client.traffic.ports import choose_ports, query_identity
 from client.traffic.proxy import Proxy, Route, driver_routes, peer_routes, robot_routes
@@ -59,7 +58,8 @@ def decode_command(
 ) -> None:
     """Print captured traffic of any controller port, one line per message. Exit status 1 for unreadable data (!)."""
     chosen = CODECS[codec.value] if codec else None
-    session = DecodingSession(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
+    as_json_line = (lambda line: json.dumps(asdict(line))) if as_json else None
+    session = DecodingSession(Choice(chosen, side, tuple(port or ()), port_offset, form), as_json_line)
     with ExitStack() as opened:
         source = _stdin() if file == "-" else _open(file, opened)
         try:
@@ -68,10 +68,6 @@ def decode_command(
             _print_lines(session.end())
     if session.problems:
         raise typer.Exit(_UNREADABLE)
-
-
-def _as_json(line: Line) -> str:
-    return json.dumps(asdict(line))
 
 
 def _stdin() -> BufferedIOBase:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from client.controllers.controller import Controller, Interfaces, Topic, controller_type
-from client.controllers.parameters import without_effect
+from client.controllers.parameters import PrefixParameters, without_effect
 
 _KINDS: Final = ("position", "velocity", "effort")
 _NO_ROS: Final = "topics have the names that the driver gives them"
@@ -43,7 +43,7 @@ class JointStateBroadcaster(Controller[JointStateParameters]):
 
     def __init__(self, name: str, parameters: JointStateParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.topic: Topic[JointState] = Topic("/joint_states")
+        self.topic: Topic[JointState] = Topic()
         self._joints: tuple[str, ...] = ()
         self._parts: tuple[Interfaces | None, ...] = ()
 
@@ -72,10 +72,7 @@ class JointStateBroadcaster(Controller[JointStateParameters]):
 
 
 @dataclass(frozen=True, slots=True)
-class SpeedScalingParameters:
-    """tf_prefix: prefix of the interface's name."""
-
-    tf_prefix: str = ""
+class SpeedScalingParameters(PrefixParameters):
     state_publish_rate: float = without_effect(100.0, _EVERY_CYCLE)
 
 
@@ -85,7 +82,7 @@ class SpeedScalingStateBroadcaster(Controller[SpeedScalingParameters]):
 
     def __init__(self, name: str, parameters: SpeedScalingParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.topic: Topic[float] = Topic("~/speed_scaling")
+        self.topic: Topic[float] = Topic()
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:
@@ -176,7 +173,7 @@ class ForceTorqueSensorBroadcaster(Controller[ForceTorqueParameters]):
 
     def __init__(self, name: str, parameters: ForceTorqueParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.topic: Topic[WrenchStamped] = Topic("~/wrench")
+        self.topic: Topic[WrenchStamped] = Topic()
         self._offsets = _six(parameters.offset)
         self._multipliers = _six(parameters.multiplier)
 
@@ -238,7 +235,7 @@ class PoseBroadcaster(Controller[PoseParameters]):
 
     def __init__(self, name: str, parameters: PoseParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.topic: Topic[PoseStamped] = Topic("~/pose")
+        self.topic: Topic[PoseStamped] = Topic()
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:

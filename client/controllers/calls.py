@@ -8,9 +8,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 from client.controllers.controller import Controller, Interfaces
+from client.controllers.parameters import PrefixParameters, without_effect
 from client.driver.endpoint import notify
 
 FAILURE: Final = 0.0
@@ -19,14 +20,12 @@ WAITING: Final = 2.0
 _EFFECT_S: Final = 2.0  # guess: ten times the slowest
 
 
-class Prefixed(Protocol):
-    """Parameters that include a prefix for the names of all interfaces."""
-
-    @property
-    def tf_prefix(self) -> str: ...
+@dataclass(frozen=True, slots=True)
+class CallParameters(PrefixParameters):
+    check_io_successful_retries: int = without_effect(10, "the timeout is measured in robot time")
 
 
-Parameters = TypeVar("Parameters", bound=Prefixed)
+Parameters = TypeVar("Parameters", bound=PrefixParameters)
 
 
 class CallingController(Controller[Parameters]):
@@ -113,7 +112,6 @@ class Calls:
         return call
 
     def update(self, time_s: float) -> None:
-        """Process the queue; called once per cycle."""
         if not self._queue:
             return
         first, answer = self._queue[0]

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from client.controllers.calls import Call, CallingController
+from client.controllers.calls import Call, CallingController, CallParameters
 from client.controllers.controller import Controller, controller_type
-from client.controllers.parameters import without_effect
+from client.controllers.parameters import PrefixParameters, without_effect
 from urproto.compat import IntEnum
 
-_IN_ROBOT_TIME: Final = "the timeout is measured in robot time"
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 FORCE_MODE_COMMANDS: Final = (
     *(f"force_mode/{group}_{axis}" for group in ("task_frame", "selection_vector", "wrench") for axis in _AXES),
@@ -19,16 +18,15 @@ FORCE_MODE_COMMANDS: Final = (
     "force_mode/gain_scaling",
 )
 """Interfaces that are set to start force mode."""
-_ANSWER: Final = "force_mode/force_mode_async_success"
+FORCE_MODE_ANSWER: Final = "force_mode/force_mode_async_success"
 
 
 @dataclass(frozen=True, slots=True)
-class FreedriveParameters:
+class FreedriveParameters(PrefixParameters):
     """inactive_timeout: how long freedrive lasts after the last call [s]."""
 
-    tf_prefix: str = ""
     inactive_timeout: int = 1
-    check_io_successful_retries: int = without_effect(10, _IN_ROBOT_TIME)
+    check_io_successful_retries: int = without_effect(10, "the timeout is measured in robot time")
 
 
 @controller_type("ur_controllers/FreedriveModeController")
@@ -73,21 +71,13 @@ class FreedriveModeController(Controller[FreedriveParameters]):
             self.commands[f"{self._component}/{'enable' if wanted else 'abort'}"] = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class ForceModeParameters:
-    """tf_prefix: prefix of all interface names."""
-
-    tf_prefix: str = ""
-    check_io_successful_retries: int = without_effect(10, _IN_ROBOT_TIME)
-
-
 @controller_type("ur_controllers/ForceModeController")
-class ForceModeController(CallingController[ForceModeParameters]):
+class ForceModeController(CallingController[CallParameters]):
     """Makes axes of a frame compliant (force mode); alone, or with the passthrough trajectory controller."""
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        names = (*FORCE_MODE_COMMANDS, _ANSWER, "force_mode/disable_cmd")
+        names = (*FORCE_MODE_COMMANDS, FORCE_MODE_ANSWER, "force_mode/disable_cmd")
         return tuple(self.parameters.tf_prefix + name for name in names)
 
     def start_force_mode(
@@ -121,11 +111,11 @@ class ForceModeController(CallingController[ForceModeParameters]):
             raise self.error("limits cannot be negative, and each selection is 0 or 1")
         values = (*task_frame_base, *selection, *wrench, type, *limits, damping_factor, gain_scaling)
         commands = {name: float(value) for name, value in zip(FORCE_MODE_COMMANDS, values, strict=True)}
-        return self._send("start_force_mode", commands, _ANSWER)
+        return self._send("start_force_mode", commands, FORCE_MODE_ANSWER)
 
     def stop_force_mode(self) -> Call:
         """End force mode; the arm holds its pose again. Raises ControllerError."""
-        return self._send("stop_force_mode", {"force_mode/disable_cmd": 1.0}, _ANSWER)
+        return self._send("stop_force_mode", {"force_mode/disable_cmd": 1.0}, FORCE_MODE_ANSWER)
 
 
 class ToolContactState(IntEnum):
@@ -141,10 +131,7 @@ class ToolContactState(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class ToolContactParameters:
-    """tf_prefix: prefix of all interface names."""
-
-    tf_prefix: str = ""
+class ToolContactParameters(PrefixParameters):
     action_monitor_rate: float = without_effect(20.0, "results are reported in the cycle in which they occur")
 
 
@@ -178,7 +165,6 @@ class ToolContactController(Controller[ToolContactParameters]):
 
     @property
     def watching(self) -> bool:
-        """True while it watches for a contact."""
         return self._call is not None
 
     def detect_tool_contact(self) -> Call:

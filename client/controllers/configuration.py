@@ -21,22 +21,12 @@ from client.controllers import (
     joint_trajectory,
     motion_primitives,
     passthrough,
-    settings,
 )
 from client.controllers.controller import CONTROLLER_TYPES, Controller
 from client.errors import ControllerError
 from urproto.yamltext import InvalidYamlError, load_yaml
 
-_ALL: Final = (
-    broadcasters,
-    compliance,
-    forward,
-    io_and_status,
-    joint_trajectory,
-    motion_primitives,
-    passthrough,
-    settings,
-)
+_TYPES: Final = (broadcasters, compliance, forward, io_and_status, joint_trajectory, motion_primitives, passthrough)
 _MANAGER: Final = "controller_manager"
 _PARAMETERS: Final = ("ros__parameters", "ros_parameters")
 _ANY: Final = "**"

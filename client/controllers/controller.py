@@ -48,15 +48,11 @@ Message = TypeVar("Message")
 
 
 class Topic(Generic[Message]):
-    """The newest message of a topic, and its subscribers.
+    """The newest message of a topic, and its subscribers."""
 
-    name: as in ROS 2, where ~ stands for the controller.
-    """
+    __slots__ = ("_listeners", "latest")
 
-    __slots__ = ("_listeners", "latest", "name")
-
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self) -> None:
         self.latest: Message | None = None
         self._listeners: list[Callable[[Message], object]] = []
 
@@ -117,7 +113,6 @@ class Interfaces:
             self._store[place] = value
 
     def fill(self, value: float) -> None:
-        """Set all interfaces to one value."""
         for place in self._indices.values():
             self._store[place] = value
 
@@ -257,7 +252,6 @@ class Controller(Generic[Parameters]):
             raise self.error(f"it is {self.state}: activate it first")
 
     def error(self, reason: str) -> ControllerError:
-        """Create an error of this controller."""
         return ControllerError(self.name, reason)
 
 

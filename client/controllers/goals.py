@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from client.controllers.controller import Controller, Parameters
 from client.driver.endpoint import notify
+from client.errors import GoalRejectedError
 from urproto.compat import IntEnum
 
 
@@ -159,7 +161,6 @@ class GoalHandle:
         return self.result is not None
 
     def publish_feedback(self, feedback: Feedback) -> None:
-        """Publish feedback."""
         self.feedback = feedback
         notify(self.on_feedback, feedback)
 
@@ -180,3 +181,31 @@ class GoalHandle:
             return
         self.status, self.result = status, result
         notify(self.on_end, result)
+
+
+class GoalController(Controller[Parameters]):
+    """Base class of controllers that accept goals, of which one at a time is under way."""
+
+    def __init__(self, name: str, parameters: Parameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self._goal: GoalHandle | None = None
+
+    @property
+    def goal(self) -> GoalHandle | None:
+        """The goal under way."""
+        return None if self._goal is None or self._goal.done else self._goal
+
+    def _accept(self, goal: FollowJointTrajectory | tuple[MotionPrimitive, ...]) -> GoalHandle:
+        self._goal = GoalHandle(goal)
+        return self._goal
+
+    def _abort_goal(self, text: str, code: ErrorCode = ErrorCode.INVALID_GOAL) -> None:
+        if self.goal is not None:
+            self.goal.abort(code, text)
+
+    def _cancel_goal(self) -> None:
+        if self.goal is not None:
+            self.goal.cancel()
+
+    def _rejected(self, reason: str) -> GoalRejectedError:
+        return GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, reason)

@@ -1,35 +1,40 @@
-"""Inputs, outputs, modes and settings of the robot."""
+"""Inputs, outputs, modes and settings of the robot, and small controllers for one setting each."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
-from client.controllers.calls import Call, CallingController
-from client.controllers.controller import Topic, controller_type
-from client.controllers.parameters import without_effect
+from client.controllers.calls import Call, CallingController, CallParameters
+from client.controllers.controller import Controller, Topic, controller_type
+from client.controllers.parameters import PrefixParameters, without_effect
 from urproto.signals import SIGNALS
 
 _EVERY_CYCLE: Final = "the effect is waited for in robot time"
-_ANSWER: Final = "gpio/io_async_success"
-_PAYLOAD: Final = ("mass", "cog.x", "cog.y", "cog.z")
-_INERTIA: Final = ("inertia.ixx", "inertia.iyy", "inertia.izz", "inertia.ixy", "inertia.ixz", "inertia.iyz")
+DIGITAL: Final = tuple(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(SIGNALS))
+ANALOG: Final = tuple(f"gpio/standard_analog_output_cmd_{pin}" for pin in range(2))
+DOMAIN: Final = "gpio/analog_output_domain_cmd"
+IO_ANSWER: Final = "gpio/io_async_success"
+PAYLOAD: Final = ("payload/mass", "payload/cog.x", "payload/cog.y", "payload/cog.z")
+INERTIA: Final = (
+    *(f"payload/inertia.i{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
+    "payload/transition_time",
+)
 _PAYLOAD_OFF: Final = 1e-4  # kg, m, kg m2: the ROS 2 driver's tolerance of centre and inertia
-_COMMANDS: Final = (
-    *(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(SIGNALS)),
-    *(f"gpio/standard_analog_output_cmd_{pin}" for pin in range(2)),
-    "gpio/analog_output_domain_cmd",
+TRIGGERS: Final = ("resend_robot_program", "hand_back_control", "zero_ftsensor")
+GPIO_COMMANDS: Final = (
+    *DIGITAL,
+    *ANALOG,
+    DOMAIN,
     "gpio/tool_voltage_cmd",
-    _ANSWER,
+    IO_ANSWER,
     "speed_scaling/target_speed_fraction_cmd",
     "speed_scaling/target_speed_fraction_async_success",
-    "resend_robot_program/resend_robot_program_cmd",
-    "resend_robot_program/resend_robot_program_async_success",
-    "hand_back_control/hand_back_control_cmd",
-    "hand_back_control/hand_back_control_async_success",
-    *(f"payload/{part}" for part in (*_PAYLOAD, *_INERTIA, "transition_time", "payload_async_success")),
-    "zero_ftsensor/zero_ftsensor_cmd",
-    "zero_ftsensor/zero_ftsensor_async_success",
+    *PAYLOAD,
+    *INERTIA,
+    "payload/payload_async_success",
+    *(f"{name}/{name}_{end}" for name in TRIGGERS for end in ("cmd", "async_success")),
 )
+"""Command interfaces of the `GPIOController`."""
 
 
 class IOStates(NamedTuple):
@@ -60,10 +65,9 @@ class ToolData(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class GPIOParameters:
-    """tf_prefix: prefix of all names. verify_payload_on_set: a payload counts as set once the robot reports it."""
+class GPIOParameters(PrefixParameters):
+    """verify_payload_on_set: a payload counts as set once the robot reports it."""
 
-    tf_prefix: str = ""
     check_io_successfull_retries: int = without_effect(10, _EVERY_CYCLE)
     verify_payload_on_set: bool = True
 
@@ -78,15 +82,15 @@ class GPIOController(CallingController[GPIOParameters]):
 
     def __init__(self, name: str, parameters: GPIOParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.io_states: Topic[IOStates] = Topic("~/io_states")
-        self.tool_data: Topic[ToolData] = Topic("~/tool_data")
-        self.robot_mode: Topic[int] = Topic("~/robot_mode")
-        self.safety_mode: Topic[int] = Topic("~/safety_mode")
-        self.program_running: Topic[bool] = Topic("~/robot_program_running")
+        self.io_states: Topic[IOStates] = Topic()
+        self.tool_data: Topic[ToolData] = Topic()
+        self.robot_mode: Topic[int] = Topic()
+        self.safety_mode: Topic[int] = Topic()
+        self.program_running: Topic[bool] = Topic()
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        return tuple(self.parameters.tf_prefix + name for name in _COMMANDS)
+        return tuple(self.parameters.tf_prefix + name for name in GPIO_COMMANDS)
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:
@@ -111,8 +115,8 @@ class GPIOController(CallingController[GPIOParameters]):
         output = f"gpio/digital_output_{pin}"
         return self._send(
             f"digital output {pin}",
-            {f"gpio/standard_digital_output_cmd_{pin}": float(on)},
-            _ANSWER,
+            {DIGITAL[pin]: float(on)},
+            IO_ANSWER,
             lambda: self._state(output) == float(on),
         )
 
@@ -124,16 +128,16 @@ class GPIOController(CallingController[GPIOParameters]):
         self._check_pin(pin, 2, "analog output")
         if not 0.0 <= share <= 1.0:
             raise self.error(f"an analog output takes 0 to 1 of its range, not {share}")
-        values = {f"gpio/standard_analog_output_cmd_{pin}": share}
+        values = {ANALOG[pin]: share}
         if voltage is not None:
-            values["gpio/analog_output_domain_cmd"] = float(voltage)
-        return self._send(f"analog output {pin}", values, _ANSWER)
+            values[DOMAIN] = float(voltage)
+        return self._send(f"analog output {pin}", values, IO_ANSWER)
 
     def set_tool_voltage(self, volts: float) -> Call:
         """Set the supply voltage at the tool: 0, 12 or 24 V."""
         if volts not in (0, 12, 24):
             raise self.error(f"the tool voltage is 0, 12 or 24 V, not {volts}")
-        return self._send("tool voltage", {"gpio/tool_voltage_cmd": float(volts)}, _ANSWER)
+        return self._send("tool voltage", {"gpio/tool_voltage_cmd": float(volts)}, IO_ANSWER)
 
     def set_speed_slider(self, fraction: float) -> Call:
         """Set the speed slider, 0.01 to 1."""
@@ -164,10 +168,9 @@ class GPIOController(CallingController[GPIOParameters]):
         """Set mass, centre of gravity (3,) in the flange frame and, from 5.10 on, inertia (6,) and transition time."""
         if len(cog_m) != 3 or (inertia_kg_m2 is not None and len(inertia_kg_m2) != 6):
             raise self.error("a centre of gravity must have 3 numbers, an inertia 6: xx, yy, zz, xy, xz, yz")
-        values = dict(zip((f"payload/{part}" for part in _PAYLOAD), (mass_kg, *cog_m), strict=True))
+        values = dict(zip(PAYLOAD, (mass_kg, *cog_m), strict=True))
         if inertia_kg_m2 is not None:
-            values |= dict(zip((f"payload/{part}" for part in _INERTIA), inertia_kg_m2, strict=True))
-            values["payload/transition_time"] = transition_time_s
+            values |= zip(INERTIA, (*inertia_kg_m2, transition_time_s), strict=True)
         checked = self.parameters.verify_payload_on_set and transition_time_s < 1.0
         return self._send(
             "payload", values, "payload/payload_async_success", lambda: self._reports(values) if checked else True
@@ -225,3 +228,60 @@ class GPIOController(CallingController[GPIOParameters]):
 def _publish_if_changed(topic: Topic[Any], message: object) -> None:
     if topic.latest != message:
         topic.publish(message)
+
+
+class _SettingController(CallingController[CallParameters]):
+    """Base class: a group of command interfaces with an answer."""
+
+    names: ClassVar[tuple[str, ...]] = ()
+    answer: ClassVar[str] = ""
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        return tuple(self.parameters.tf_prefix + name for name in (*self.names, self.answer))
+
+    def _set(self, title: str, values: Sequence[float]) -> Call:
+        if len(values) != len(self.names):
+            raise self.error(f"{title} has {len(self.names)} numbers, not {len(values)}")
+        return self._send(title, dict(zip(self.names, values, strict=True)), self.answer)
+
+
+@controller_type("ur_controllers/GravityUpdateController")
+class GravityUpdateController(_SettingController):
+    """Sets the direction of gravity, that is, how the robot is mounted."""
+
+    names = ("gravity/x", "gravity/y", "gravity/z")
+    answer = "gravity/gravity_async_success"
+
+    def set_gravity(self, gravity_m_s2: Sequence[float]) -> Call:
+        """Set the acceleration of the base (3,) [m/s2]: [0, 0, 9.82] for an upright arm. Raises ControllerError."""
+        return self._set("gravity", gravity_m_s2)
+
+
+@controller_type("ur_controllers/FrictionModelController")
+class FrictionModelController(_SettingController):
+    """Sets how much friction torque control compensates; PolyScope 5.25.1 or newer."""
+
+    names = tuple(f"friction_model/{kind}_{joint}" for kind in ("viscous", "coulomb") for joint in range(6))
+    answer = "friction_model/async_success"
+
+    def set_friction_model_parameters(self, viscous: Sequence[float], coulomb: Sequence[float]) -> Call:
+        """Set the compensated share, 0 to 1, of each joint's friction (6,). Raises ControllerError."""
+        if not all(0.0 <= share <= 1.0 for share in (*viscous, *coulomb)):
+            raise self.error("friction compensation takes shares from 0 to 1")
+        return self._set("friction", (*viscous, *coulomb))
+
+
+@controller_type("ur_controllers/URConfigurationController")
+class URConfigurationController(Controller[CallParameters]):
+    """Reports the version of the robot's software."""
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        name = f"{self.parameters.tf_prefix}get_robot_software_version/get_version"
+        return tuple(f"{name}_{part}" for part in ("major", "minor", "bugfix", "build"))
+
+    def robot_software_version(self) -> tuple[int, ...]:
+        """Major, minor, bugfix and build. Raises ControllerError while it is not active."""
+        self.check_active()
+        return tuple(int(value) for value in self.states.get())

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any, ClassVar, Final
 
-from client.controllers.controller import Controller, Interfaces, Topic, controller_type
+from client.controllers.controller import Interfaces, Topic, controller_type
 from client.controllers.goals import (
     ErrorCode,
     Feedback,
     FollowJointTrajectory,
+    GoalController,
     GoalHandle,
     JointTrajectory,
     JointTrajectoryPoint,
@@ -19,12 +20,12 @@ from client.controllers.goals import (
 from client.controllers.parameters import BY_NAME, without_effect
 from client.controllers.trajectory import Path, Sample, blended, filled
 from client.controllers.validation import ToleranceError, Tolerances, TrajectoryRules, violation, with_goal
-from client.errors import GoalRejectedError
 from urproto.text import quoted
 
 _EVERY_CYCLE: Final = "states and results are reported in the cycle in which they occur"
 _COMMANDS: Final = ("position", "velocity", "effort")
 _STATES: Final = ("position", "velocity", "acceleration")
+_PREEMPTED: Final = "Current goal preempted by new incoming action."
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,6 @@ class Pid:
         self._integral = 0.0
 
     def reset(self) -> None:
-        """Reset the integral and derivative terms."""
         self._integral = 0.0
 
     def command(self, error: float, error_rate: float, period_s: float) -> float:
@@ -172,7 +172,7 @@ class ControllerState:
 
 
 @controller_type("joint_trajectory_controller/JointTrajectoryController")
-class JointTrajectoryController(Controller[JointTrajectoryParameters]):
+class JointTrajectoryController(GoalController[JointTrajectoryParameters]):
     """Follows trajectories: linear, cubic or quintic, with tolerances; holds the arm in between.
 
     `send_goal` takes a goal that ends with a result, `command` a trajectory without one. Commands positions, or
@@ -182,9 +182,8 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     def __init__(self, name: str, parameters: JointTrajectoryParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self.joints = parameters.joints
-        self.state_topic: Topic[ControllerState] = Topic("~/controller_state")
+        self.state_topic: Topic[ControllerState] = Topic()
         self.scaling = parameters.speed_scaling.initial_scaling_factor
-        self.goal: GoalHandle | None = None
         self._now_s = 0.0
         self._pending: JointTrajectory | None = None
         self._path: Path | None = None
@@ -279,9 +278,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         return None if any(value != value for value in values) else values
 
     def on_deactivate(self) -> None:
-        if self.goal is not None:
-            self.goal.abort(ErrorCode.INVALID_GOAL, "Current goal cancelled during deactivate transition.")
-            self.goal = None
+        self._abort_goal("Current goal cancelled during deactivate transition.")
         if self._command != "position":
             self.commands.fill(0.0)
         self._path = self._pending = None
@@ -300,22 +297,17 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         try:
             tolerances = with_goal(self._defaults, goal, self.joints)
         except ToleranceError as error:
-            raise GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, str(error)) from None
-        self._preempt()
-        self.goal, self._tolerances, self._pending = GoalHandle(goal), tolerances, goal.trajectory
-        return self.goal
+            raise self._rejected(str(error)) from None
+        self._abort_goal(_PREEMPTED)
+        self._tolerances, self._pending = tolerances, goal.trajectory
+        return self._accept(goal)
 
     def command(self, trajectory: JointTrajectory) -> None:
         """Follow a trajectory without a result, as from the topic ~/joint_trajectory; raises like `send_goal`."""
         self.check_active()
         self.check(trajectory)
-        self._preempt()
+        self._abort_goal(_PREEMPTED)
         self._tolerances, self._pending = self._defaults, trajectory
-
-    def _preempt(self) -> None:
-        goal, self.goal = self.goal, None
-        if goal is not None:
-            goal.abort(ErrorCode.INVALID_GOAL, "Current goal preempted by new incoming action.")
 
     def sampled(self, time_s: float) -> JointTrajectoryPoint:
         """State of the present trajectory at the robot's time ``time_s``, assuming the present speed scaling.
@@ -345,16 +337,14 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
 
     def on_halt(self, reason: str) -> None:
         self._read()
-        self._abort(ErrorCode.INVALID_GOAL, reason)
+        self._stop_and_abort(reason)
         self._hold(JointTrajectoryPoint(self._actual.positions))
 
     def cancel(self) -> None:
         """Stop the arm; the goal under way is canceled."""
         self.check_active()
-        goal, self.goal = self.goal, None
         self._stop()
-        if goal is not None:
-            goal.cancel()
+        self._cancel_goal()
 
     @property
     def progress(self) -> float:
@@ -505,23 +495,19 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             return
         assert self._path is not None
         if broken:
-            self._abort(ErrorCode.PATH_TOLERANCE_VIOLATED, f"Aborted due to path tolerance violation ({broken})")
+            text = f"Aborted due to path tolerance violation ({broken})"
+            self._stop_and_abort(text, ErrorCode.PATH_TOLERANCE_VIOLATED)
         elif late:
             exceeded_s = ahead.since_s - 1.0 / self.update_rate_hz
-            self._abort(
-                ErrorCode.GOAL_TOLERANCE_VIOLATED,
-                f"Aborted due to goal_time_tolerance exceeding by {exceeded_s:f} seconds ({missed})",
-            )
+            text = f"Aborted due to goal_time_tolerance exceeding by {exceeded_s:f} seconds ({missed})"
+            self._stop_and_abort(text, ErrorCode.GOAL_TOLERANCE_VIOLATED)
         elif self.goal is not None and ahead.index == self._path.size and not missed:
-            goal, self.goal = self.goal, None
             self._hold(self._path.last())
-            goal.succeed("Goal successfully reached!")
+            self.goal.succeed("Goal successfully reached!")
 
-    def _abort(self, code: ErrorCode, text: str) -> None:
-        goal, self.goal = self.goal, None
+    def _stop_and_abort(self, text: str, code: ErrorCode = ErrorCode.INVALID_GOAL) -> None:
         self._stop(from_actual=True)
-        if goal is not None:
-            goal.abort(code, text)
+        self._abort_goal(text, code)
 
     # rest
 

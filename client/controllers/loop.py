@@ -9,7 +9,7 @@ async with URDriver(host, outputs=RTDE_OUTPUTS) as driver:
 
 import asyncio
 import logging
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any, Final
 
 from client.controllers.calls import Call
@@ -120,18 +120,14 @@ class ControlLoop:
     async def result(self, handle: GoalHandle) -> Result:
         """Wait for the end of a goal."""
         if handle.result is None:
-            ended = asyncio.Event()
-            handle.on_end.append(lambda _: ended.set())
-            await ended.wait()
+            await _called(handle.on_end)
         assert handle.result is not None
         return handle.result
 
     async def answer(self, call: Call) -> None:
         """Wait for the answer to a request to a controller. Raises ControllerError if it failed."""
         if call.success is None:
-            ended = asyncio.Event()
-            call.on_end.append(lambda _: ended.set())
-            await ended.wait()
+            await _called(call.on_end)
         if not call.success:
             raise ControllerError("controller", call.message)
 
@@ -195,3 +191,10 @@ class ControlLoop:
         self._last_s = time_s
         cycled, self._cycled = self._cycled, asyncio.Event()
         cycled.set()
+
+
+async def _called(callbacks: list[Callable[[Any], object]]) -> None:
+    """Wait until these callbacks are called."""
+    called = asyncio.Event()
+    callbacks.append(lambda _: called.set())
+    await called.wait()

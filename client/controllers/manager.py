@@ -224,14 +224,12 @@ class ControllerManager:
         return {mode for mode in modes if mode is not None}
 
     def list_controllers(self) -> list[ControllerInfo]:
-        """All loaded controllers."""
         return [
             ControllerInfo(one.name, one.type_name, one.state, one.command_interfaces if one.active else ())
             for one in self._controllers.values()
         ]
 
     def list_interfaces(self) -> list[InterfaceInfo]:
-        """All interfaces of the hardware."""
         holders = {name: one.name for one in self.active() for name in one.command_interfaces}
         return [
             *(InterfaceInfo(name, _COMMAND, holders.get(name, "")) for name in self.hardware.commands.names),

@@ -8,13 +8,12 @@ second marker is taken. Source of interfaces, states and numbers: motion_primiti
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
-from client.controllers.controller import NO_COMMAND, Controller, controller_type
-from client.controllers.goals import ErrorCode, GoalHandle, MotionPrimitive, PrimitiveType
+from client.controllers.controller import NO_COMMAND, controller_type
+from client.controllers.goals import GoalController, GoalHandle, MotionPrimitive, PrimitiveType
+from client.controllers.parameters import PrefixParameters
 from client.driver import points
-from client.errors import GoalRejectedError
 from urproto.compat import IntEnum
 from urproto.external_control import TrajectoryPoint
 from urproto.robots.pose import quaternion_to_rotvec, rotvec_to_quaternion
@@ -60,7 +59,6 @@ class ExecutionStatus(IntEnum):
 
 
 def commands_of(primitive: MotionPrimitive) -> list[float]:
-    """Values of `PRIMITIVE_COMMANDS` for a primitive."""
     q_rad = primitive.q_rad or (NO_COMMAND,) * _JOINTS
     poses = (_numbers(pose) for pose in (primitive.pose_base_tcp, primitive.via_base_tcp))
     rest = (primitive.blend_radius_m, primitive.velocity, primitive.acceleration, primitive.move_time_s)
@@ -123,23 +121,15 @@ def problem_of(primitive: MotionPrimitive) -> str | None:
     return f"it needs {'' if circular else 'move_time, or '}velocity and acceleration, above 0"
 
 
-@dataclass(frozen=True, slots=True)
-class MotionPrimitivesParameters:
-    """tf_prefix: prefix of all interface names."""
-
-    tf_prefix: str = ""
-
-
 @controller_type("motion_primitives_controllers/MotionPrimitivesForwardController")
-class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
+class MotionPrimitivesForwardController(GoalController[PrefixParameters]):
     """Lets the robot itself execute moves in joint space, lines and arcs; also during force mode.
 
     It takes one goal at a time, with one or more primitives. The goal succeeds when the last one has been executed.
     """
 
-    def __init__(self, name: str, parameters: MotionPrimitivesParameters, update_rate_hz: float) -> None:
+    def __init__(self, name: str, parameters: PrefixParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
-        self.goal: GoalHandle | None = None
         self._queue: deque[list[float]] = deque()
         self._stop_wanted = self._stopping = False
 
@@ -179,8 +169,7 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
             raise self._rejected("the arm is being stopped: send the goal again when it is at rest")
         self.check(primitives)
         self._queue.extend(_as_commands(primitives))
-        self.goal = GoalHandle(tuple(primitives))
-        return self.goal
+        return self._accept(tuple(primitives))
 
     def check(self, primitives: Sequence[MotionPrimitive]) -> None:
         """Check that primitives would be accepted if the controller were active and idle. Raises GoalRejectedError."""
@@ -189,9 +178,6 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
         for number, primitive in enumerate(primitives):
             if problem := problem_of(primitive):
                 raise self._rejected(f"primitive {number}: {problem}")
-
-    def _rejected(self, reason: str) -> GoalRejectedError:
-        return GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, reason)
 
     def cancel(self) -> None:
         """Stop the arm; the goal under way is canceled once the robot has accepted it. Raises ControllerError."""
@@ -211,7 +197,7 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
             if status == ExecutionStatus.STOPPED:
                 self._send_marker(Marker.RESET_STOP)
                 self._stopping = False
-                self._end_canceled()
+                self._cancel_goal()
         elif self._queue:
             if self.states[self._name(READY)] == 1.0:
                 self.commands.put(self._queue.popleft())
@@ -228,21 +214,13 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
     def _conclude(self, status: float) -> None:
         """Handle the status once the hardware has taken the whole goal, which the status then refers to."""
         if status == ExecutionStatus.SUCCESS and self.goal is not None:
-            goal, self.goal = self.goal, None
-            goal.succeed("Motion primitives executed successfully")
+            self.goal.succeed("Motion primitives executed successfully")
         elif status == ExecutionStatus.ERROR:
             self._abort("The robot did not execute all of the motion primitives: the log says why.")
 
-    def _end_canceled(self) -> None:
-        goal, self.goal = self.goal, None
-        if goal is not None:
-            goal.cancel()
-
     def _abort(self, reason: str) -> None:
         self._queue.clear()
-        goal, self.goal = self.goal, None
-        if goal is not None:
-            goal.abort(ErrorCode.INVALID_GOAL, reason)
+        self._abort_goal(reason)
 
 
 def _as_commands(primitives: Sequence[MotionPrimitive]) -> Iterator[list[float]]:

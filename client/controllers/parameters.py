@@ -50,6 +50,13 @@ _READ_ONLY: Final = frozenset(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class PrefixParameters:
+    """tf_prefix: prefix of the names of all interfaces."""
+
+    tf_prefix: str = ""
+
+
 @dataclass(slots=True)
 class Reading:
     """Keys of a file that were not used: unknown ones, and parameters without effect."""

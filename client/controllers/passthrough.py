@@ -7,11 +7,12 @@ points, it executes them. `Transfer` shows whose turn it is. Source of interface
 from dataclasses import dataclass
 from typing import Final
 
-from client.controllers.controller import NO_COMMAND, Controller, controller_type
+from client.controllers.controller import NO_COMMAND, controller_type
 from client.controllers.goals import (
     ErrorCode,
     Feedback,
     FollowJointTrajectory,
+    GoalController,
     GoalHandle,
     JointTrajectory,
     JointTrajectoryPoint,
@@ -19,12 +20,18 @@ from client.controllers.goals import (
 )
 from client.controllers.trajectory import filled
 from client.controllers.validation import ToleranceError, Tolerances, TrajectoryRules, violation, with_goal
-from client.errors import GoalRejectedError
 from urproto.compat import IntEnum
+from urproto.joints import JOINT_NAMES
 
 PASSTHROUGH: Final = "trajectory_passthrough"
-_POINT: Final = ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
-_REST: Final = ("abort", "transfer_state", "time_from_start", "trajectory_size")
+POINT: Final = ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
+PASSTHROUGH_COMMANDS: Final = tuple(
+    f"{PASSTHROUGH}/{name}"
+    for name in (
+        *(f"{part}_{joint}" for part in POINT for joint in range(len(JOINT_NAMES))),
+        *("abort", "transfer_state", "time_from_start", "trajectory_size"),
+    )
+)
 
 
 class Transfer(IntEnum):
@@ -50,7 +57,7 @@ class PassthroughParameters:
 
 
 @controller_type("ur_controllers/PassthroughTrajectoryController")
-class PassthroughTrajectoryController(Controller[PassthroughParameters]):
+class PassthroughTrajectoryController(GoalController[PassthroughParameters]):
     """Lets the robot itself execute trajectories, as splines: smooth regardless of network delays.
 
     It takes one goal at a time. The goal succeeds if the arm is within its tolerances at the end.
@@ -59,7 +66,6 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
     def __init__(self, name: str, parameters: PassthroughParameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self.joints = parameters.joints
-        self.goal: GoalHandle | None = None
         self._points: list[JointTrajectoryPoint] = []
         self._next = self._passed = 0  # number of points handed over, and passed by the arm
         self._elapsed_s = 0.0
@@ -68,9 +74,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        count = range(len(self.joints))
-        points = tuple(self._name(f"{part}_{joint}") for part in _POINT for joint in count)
-        return points + tuple(map(self._name, _REST))
+        return tuple(self.parameters.tf_prefix + name for name in PASSTHROUGH_COMMANDS)
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:
@@ -94,10 +98,10 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
 
     def on_deactivate(self) -> None:
         self._set("abort", 1.0)
-        self._end(ErrorCode.INVALID_GOAL, "Aborting current goal, since the controller is being deactivated.")
+        self._abort_goal("Aborting current goal, since the controller is being deactivated.")
 
     def on_halt(self, reason: str) -> None:
-        self._end(ErrorCode.INVALID_GOAL, reason)
+        self._abort_goal(reason)
 
     def send_goal(self, goal: FollowJointTrajectory | JointTrajectory) -> GoalHandle:
         """Start a goal. Raises GoalRejectedError, also while another one is under way, and ControllerError."""
@@ -114,8 +118,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
             raise self._rejected(str(error)) from None
         self._points = filled(goal.trajectory, self.joints, ())
         self._next, self._passed, self._elapsed_s = 0, 0, 0.0
-        self.goal = GoalHandle(goal)
-        return self.goal
+        return self._accept(goal)
 
     def check(self, trajectory: JointTrajectory) -> None:
         """Check that a trajectory would be accepted by the active, idle controller. Raises GoalRejectedError if not."""
@@ -126,15 +129,10 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         if len(kinds) > 1:
             raise self._rejected("either all points have velocities (accelerations), or none")
 
-    def _rejected(self, reason: str) -> GoalRejectedError:
-        return GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, reason)
-
     def cancel(self) -> None:
         """Stop the arm; the goal under way is canceled."""
         self.check_active()
-        goal, self.goal = self.goal, None
-        if goal is not None:
-            goal.cancel()
+        self._cancel_goal()
 
     @property
     def progress(self) -> float:
@@ -151,7 +149,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         elif self.commands[self._name("abort")] == 1.0:
             self._set("transfer_state", Transfer.IDLE)
             self._set("abort", 0.0)
-            self._end(ErrorCode.INVALID_GOAL, "Trajectory aborted by hardware.")
+            self._abort_goal("Trajectory aborted by hardware.")
         elif state == Transfer.IDLE:
             self._set("trajectory_size", len(self._points))
             self._set("transfer_state", Transfer.NEW_TRAJECTORY)
@@ -180,7 +178,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         point = self._points[self._next]
         self._next += 1
         self._set("time_from_start", point.time_from_start_s)
-        for part, values in zip(_POINT, (point.positions, point.velocities, point.accelerations), strict=True):
+        for part, values in zip(POINT, (point.positions, point.velocities, point.accelerations), strict=True):
             for joint in range(len(self.joints)):
                 self._set(f"{part}_{joint}", values[joint] if values else NO_COMMAND)
         self._set("transfer_state", Transfer.TRANSFERRING)
@@ -204,19 +202,13 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         missed = violation(self._error(self._points[-1]), self._limits.goal, self.joints)
         if missed:
             text = f"Robot not within tolerances at end of trajectory. ({missed})"
-            self._end(ErrorCode.GOAL_TOLERANCE_VIOLATED, text)
+            self._abort_goal(text, ErrorCode.GOAL_TOLERANCE_VIOLATED)
         elif self._limits.goal_time_s > 0.0 and late_s > 0.0:
             text = f"Goal not reached within time tolerance. Missed goal time by {late_s:f} seconds."
-            self._end(ErrorCode.GOAL_TOLERANCE_VIOLATED, text)
+            self._abort_goal(text, ErrorCode.GOAL_TOLERANCE_VIOLATED)
         else:
             assert self.goal is not None
-            goal, self.goal = self.goal, None
-            goal.succeed(f"Trajectory executed successfully in {self._elapsed_s:f} (scaled) seconds!")
-
-    def _end(self, code: ErrorCode, text: str) -> None:
-        goal, self.goal = self.goal, None
-        if goal is not None:
-            goal.abort(code, text)
+            self.goal.succeed(f"Trajectory executed successfully in {self._elapsed_s:f} (scaled) seconds!")
 
     def _set(self, name: str, value: float) -> None:
         self.commands[self._name(name)] = float(value)

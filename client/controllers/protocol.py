@@ -121,7 +121,6 @@ def _refuse(constant: str) -> None:
 
 
 def described_error(error: URError) -> Message:
-    """Encode an error for sending."""
     if isinstance(error, GoalRejectedError):
         return {"controller": error.controller, "code": int(error.code), "reason": error.reason}
     if isinstance(error, ControllerError):
@@ -130,7 +129,6 @@ def described_error(error: URError) -> Message:
 
 
 def error_of(message: Any) -> ManagerError | ControllerError:
-    """Decode an error that was sent."""
     if not isinstance(message, Mapping):
         return ManagerError(f"the controller manager sent an error without text: {quoted(message)}")
     if "controller" not in message:

@@ -62,7 +62,6 @@ class ManagerOptions:
 
     @property
     def rtde_port(self) -> int:
-        """RTDE port of the robot."""
         return int(self.driver_options.get("robot_ports", ROBOT_PORTS)["rtde"])
 
 

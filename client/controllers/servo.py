@@ -167,7 +167,6 @@ class Servo:
         self._qd = self._wanted = _REST
 
     def configure(self, parameters: ServoParameters) -> None:
-        """Replace the parameters."""
         self.parameters = parameters
 
     # commands

@@ -217,7 +217,6 @@ class Path:
 
     @property
     def size(self) -> int:
-        """Number of points."""
         return len(self.points)
 
     def begin(self, time_s: float, now: JointTrajectoryPoint, before_s: float | None = None) -> None:

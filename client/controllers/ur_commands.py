@@ -3,32 +3,42 @@
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from client.controllers.calls import FAILURE, SUCCESS
-from client.controllers.compliance import FORCE_MODE_COMMANDS, ToolContactState
+from client.controllers.compliance import FORCE_MODE_ANSWER, FORCE_MODE_COMMANDS, ToolContactState
 from client.controllers.controller import NO_COMMAND
+from client.controllers.io_and_status import (
+    ANALOG,
+    DIGITAL,
+    DOMAIN,
+    GPIO_COMMANDS,
+    INERTIA,
+    IO_ANSWER,
+    PAYLOAD,
+    TRIGGERS,
+    FrictionModelController,
+    GravityUpdateController,
+)
 from client.controllers.motion_primitives import PRIMITIVE_COMMANDS
-from client.controllers.passthrough import PASSTHROUGH
+from client.controllers.passthrough import PASSTHROUGH_COMMANDS
 from client.controllers.ur_states import PrefixedInterfaces, URStates
+from client.driver import URDriver
 from client.errors import ClientError
 from urproto.errors import URError
-from urproto.external_control import TrajectoryPoint, TrajectoryResult
-from urproto.joints import JOINT_NAMES
-from urproto.signals import SIGNALS, digital_signal
+from urproto.external_control import TrajectoryResult
+from urproto.signals import digital_signal
 
-_DIGITAL: Final = tuple(f"gpio/standard_digital_output_cmd_{pin}" for pin in range(SIGNALS))
-_PAYLOAD: Final = ("payload/mass", "payload/cog.x", "payload/cog.y", "payload/cog.z")
-_INERTIA: Final = (
-    *(f"payload/inertia.i{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
-    "payload/transition_time",
+_NAMES: Final = (
+    *GPIO_COMMANDS,
+    *(*GravityUpdateController.names, GravityUpdateController.answer),
+    *(*FrictionModelController.names, FrictionModelController.answer),
+    *(*FORCE_MODE_COMMANDS, FORCE_MODE_ANSWER, "force_mode/disable_cmd"),
+    *("freedrive_mode/enable", "freedrive_mode/abort", "freedrive_mode/async_success"),
+    *PASSTHROUGH_COMMANDS,
+    *PRIMITIVE_COMMANDS,
+    "tool_contact/tool_contact_set_state",
 )
-_GRAVITY: Final = ("gravity/x", "gravity/y", "gravity/z")
-_FRICTION: Final = tuple(f"friction_model/{kind}_{joint}" for kind in ("viscous", "coulomb") for joint in range(6))
-_DOMAIN: Final = "gpio/analog_output_domain_cmd"
-_ANALOG: Final = ("gpio/standard_analog_output_cmd_0", "gpio/standard_analog_output_cmd_1")
-_IO_ANSWER: Final = "gpio/io_async_success"
-_FORCE_ANSWER: Final = "force_mode/force_mode_async_success"
 _CONTACT_NONE: Final = 3.0  # result while the robot is still watching for contact
 
 _logger = logging.getLogger(__name__)
@@ -37,68 +47,18 @@ Spawn = Callable[[Coroutine[Any, Any, None]], "asyncio.Task[None]"]
 """Runs a coroutine in the background of the control cycle."""
 
 
-class ScriptReceiver(Protocol):
-    """The part of `client.driver.link.RobotLink` that is used here."""
-
-    async def send_script(self, text: str) -> None: ...
-
-
-class ArmDriver(Protocol):
-    """The part of `client.driver.URDriver` that is used here."""
-
-    @property
-    def program_running(self) -> bool: ...
-    @property
-    def loss_reason(self) -> str: ...
-    @property
-    def link(self) -> ScriptReceiver: ...
-    def servoj(self, q_rad: Sequence[float], timeout_s: float) -> None: ...
-    def speedj(self, qd_rad_s: Sequence[float], timeout_s: float) -> None: ...
-    def torque(self, torque_Nm: Sequence[float], timeout_s: float) -> None: ...
-    def idle(self) -> None: ...
-    def start_freedrive(self) -> None: ...
-    def stop_freedrive(self) -> None: ...
-    def start_force_mode(
-        self,
-        task_frame_base: Sequence[float],
-        selection: Sequence[int],
-        wrench: Sequence[float],
-        kind: int,
-        limits: Sequence[float],
-        *,
-        damping: float,
-        gain_scaling: float,
-    ) -> None: ...
-    def end_force_mode(self) -> None: ...
-    def start_tool_contact(self) -> None: ...
-    def end_tool_contact(self) -> None: ...
-    async def tool_contact_result(self) -> TrajectoryResult: ...
-    async def execute(self, points: Sequence[TrajectoryPoint]) -> TrajectoryResult: ...
-    async def start_program(self) -> None: ...
-    async def stop_program(self) -> None: ...
-    async def set_speed_slider(self, fraction: float) -> None: ...
-    async def set_tool_voltage(self, volts: int) -> None: ...
-    async def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> None: ...
-    async def set_target_payload(
-        self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float], transition_time_s: float
-    ) -> None: ...
-    async def set_gravity(self, gravity_m_s2: Sequence[float]) -> None: ...
-    async def zero_ftsensor(self) -> None: ...
-    def set_friction_scales(self, viscous: Sequence[float], coulomb: Sequence[float]) -> None: ...
-
-
 class URCommands(PrefixedInterfaces):
     """The command interfaces; `process` carries out one-time commands set on them."""
 
-    def __init__(self, prefix: str, driver: ArmDriver, states: URStates, spawn: Spawn) -> None:
-        super().__init__(prefix, _names())
+    def __init__(self, prefix: str, driver: URDriver, states: URStates, spawn: Spawn) -> None:
+        super().__init__(prefix, _NAMES)
         self._driver = driver
         self._states = states
         self._spawn = spawn
         self.contact: str | None = None  # what stopped the arm
-        self._digital = self.part(_DIGITAL)
+        self._digital = self.part(DIGITAL)
         self._contact = self.part(["tool_contact/tool_contact_set_state"])
-        self._inertia = self.part(_INERTIA)
+        self._inertia = self.part(INERTIA)
         self._requests = [(self.part(names), answer, action) for names, answer, action in self._table()]
 
     def process(self) -> None:
@@ -113,45 +73,36 @@ class URCommands(PrefixedInterfaces):
         """Refuse everything that has been set since the last cycle."""
         refused = {answer for part, answer, _ in self._requests if part.take() is not None}
         if any(level == level for level in self._digital.get()):
-            refused.add(_IO_ANSWER)
+            refused.add(IO_ANSWER)
         for answer in refused:
             _logger.error("%s", reason)
             self[answer] = FAILURE
         if refused:
-            for left in (self._digital, self._inertia, self.part([_DOMAIN])):
+            for left in (self._digital, self._inertia, self.part([DOMAIN])):
                 left.fill(NO_COMMAND)
 
     def _table(self) -> list[tuple[Sequence[str], str, Callable[[list[float]], Awaitable[None]]]]:
         driver = self._driver
         return [
-            ([_ANALOG[0]], _IO_ANSWER, lambda values: self._analog(0, values[0])),
-            ([_ANALOG[1]], _IO_ANSWER, lambda values: self._analog(1, values[0])),
-            (["gpio/tool_voltage_cmd"], _IO_ANSWER, lambda values: driver.set_tool_voltage(int(values[0]))),
+            ([ANALOG[0]], IO_ANSWER, lambda values: self._analog(0, values[0])),
+            ([ANALOG[1]], IO_ANSWER, lambda values: self._analog(1, values[0])),
+            (["gpio/tool_voltage_cmd"], IO_ANSWER, lambda values: driver.set_tool_voltage(int(values[0]))),
             (
                 ["speed_scaling/target_speed_fraction_cmd"],
                 "speed_scaling/target_speed_fraction_async_success",
                 lambda values: driver.set_speed_slider(values[0]),
             ),
-            (
-                ["resend_robot_program/resend_robot_program_cmd"],
-                "resend_robot_program/resend_robot_program_async_success",
-                lambda _: driver.start_program(),
+            (PAYLOAD, "payload/payload_async_success", self._payload),
+            (GravityUpdateController.names, GravityUpdateController.answer, driver.set_gravity),
+            (FrictionModelController.names, FrictionModelController.answer, self._friction),
+            *(
+                ([f"{name}/{name}_cmd"], f"{name}/{name}_async_success", lambda _, work=work: work())
+                for name, work in zip(
+                    TRIGGERS, (driver.start_program, driver.stop_program, driver.zero_ftsensor), strict=True
+                )
             ),
-            (
-                ["hand_back_control/hand_back_control_cmd"],
-                "hand_back_control/hand_back_control_async_success",
-                lambda _: driver.stop_program(),
-            ),
-            (_PAYLOAD, "payload/payload_async_success", self._payload),
-            (_GRAVITY, "gravity/gravity_async_success", driver.set_gravity),
-            (_FRICTION, "friction_model/async_success", self._friction),
-            (
-                ["zero_ftsensor/zero_ftsensor_cmd"],
-                "zero_ftsensor/zero_ftsensor_async_success",
-                lambda _: driver.zero_ftsensor(),
-            ),
-            (FORCE_MODE_COMMANDS, _FORCE_ANSWER, self._start_force_mode),
-            (["force_mode/disable_cmd"], _FORCE_ANSWER, lambda _: self._immediately(driver.end_force_mode)),
+            (FORCE_MODE_COMMANDS, FORCE_MODE_ANSWER, self._start_force_mode),
+            (["force_mode/disable_cmd"], FORCE_MODE_ANSWER, lambda _: self._immediately(driver.end_force_mode)),
             (
                 ["freedrive_mode/enable"],
                 "freedrive_mode/async_success",
@@ -183,10 +134,10 @@ class URCommands(PrefixedInterfaces):
             return
         self._digital.fill(NO_COMMAND)
         lines = [f"  {group.statement(index, level != 0.0)}" for (group, index), level in wanted]
-        self._spawn(self._answered(_IO_ANSWER, self._send_lines(lines)))
+        self._spawn(self._answered(IO_ANSWER, self._send_lines(lines)))
 
     async def _analog(self, pin: int, share: float) -> None:
-        domain, self[_DOMAIN] = self[_DOMAIN], NO_COMMAND
+        domain, self[DOMAIN] = self[DOMAIN], NO_COMMAND
         lines = [f"  set_analog_outputdomain({pin}, {int(domain)})"] if domain == domain else []
         await self._send_lines([*lines, f"  set_standard_analog_out({pin}, {share})"])
 
@@ -258,37 +209,3 @@ class URCommands(PrefixedInterfaces):
 
     def _set_contact(self, state: ToolContactState) -> None:
         self._states["tool_contact/tool_contact_state"] = float(state)
-
-
-def _names() -> tuple[str, ...]:
-    points = ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
-    return (
-        *_DIGITAL,
-        *_ANALOG,
-        _DOMAIN,
-        "gpio/tool_voltage_cmd",
-        _IO_ANSWER,
-        "speed_scaling/target_speed_fraction_cmd",
-        "speed_scaling/target_speed_fraction_async_success",
-        "resend_robot_program/resend_robot_program_cmd",
-        "resend_robot_program/resend_robot_program_async_success",
-        "hand_back_control/hand_back_control_cmd",
-        "hand_back_control/hand_back_control_async_success",
-        *_PAYLOAD,
-        *_INERTIA,
-        "payload/payload_async_success",
-        *_GRAVITY,
-        "gravity/gravity_async_success",
-        *_FRICTION,
-        "friction_model/async_success",
-        "zero_ftsensor/zero_ftsensor_cmd",
-        "zero_ftsensor/zero_ftsensor_async_success",
-        *FORCE_MODE_COMMANDS,
-        _FORCE_ANSWER,
-        "force_mode/disable_cmd",
-        *(f"freedrive_mode/{name}" for name in ("enable", "abort", "async_success")),
-        *(f"{PASSTHROUGH}/{part}_{joint}" for part in points for joint in range(len(JOINT_NAMES))),
-        *(f"{PASSTHROUGH}/{name}" for name in ("abort", "transfer_state", "time_from_start", "trajectory_size")),
-        *PRIMITIVE_COMMANDS,
-        "tool_contact/tool_contact_set_state",
-    )

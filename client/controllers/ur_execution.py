@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol
+from typing import Final
 
 from client.controllers.controller import NO_COMMAND
 from client.controllers.goals import PrimitiveType
@@ -16,10 +16,10 @@ from client.controllers.motion_primitives import (
     point_of,
     primitive_of,
 )
-from client.controllers.passthrough import PASSTHROUGH, Transfer
-from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
+from client.controllers.passthrough import PASSTHROUGH, POINT, Transfer
+from client.controllers.ur_commands import Spawn, URCommands
 from client.controllers.ur_states import URStates
-from client.driver import points
+from client.driver import URDriver, points
 from urproto.errors import URError
 from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.joints import JOINT_NAMES
@@ -33,7 +33,7 @@ _logger = logging.getLogger(__name__)
 class TrajectoryExecution:
     """At most one trajectory that the robot executes itself, and a callback for its end."""
 
-    def __init__(self, driver: ArmDriver, spawn: Spawn) -> None:
+    def __init__(self, driver: URDriver, spawn: Spawn) -> None:
         self._driver = driver
         self._spawn = spawn
         self._task: asyncio.Task[None] | None = None
@@ -67,23 +67,14 @@ class TrajectoryExecution:
             _logger.error("%s", error)
 
 
-class RobotExecution(Protocol):
-    """The hardware's side of a controller whose motions the robot executes itself."""
+class PassthroughExecution:
+    """The hardware's side of `client.controllers.passthrough`.
 
-    def begin(self) -> None:
-        """Start: the controller has claimed the interfaces."""
+    The controller has claimed its interfaces from `begin` to `end`. ready: whether the arm can move in this cycle;
+    otherwise nothing is started.
+    """
 
-    def end(self) -> None:
-        """End: the controller has released the interfaces; stop what is under way."""
-
-    def step(self, *, ready: bool) -> None:
-        """Process one cycle. ready: whether the arm can move now; otherwise nothing is started."""
-
-
-class PassthroughExecution(RobotExecution):
-    """The hardware's side of `client.controllers.passthrough`."""
-
-    def __init__(self, commands: URCommands, driver: ArmDriver, spawn: Spawn) -> None:
+    def __init__(self, commands: URCommands, driver: URDriver, spawn: Spawn) -> None:
         self._commands = commands
         self._execution = TrajectoryExecution(driver, spawn)
         self._trajectory: list[TrajectoryPoint] = []
@@ -118,7 +109,7 @@ class PassthroughExecution(RobotExecution):
     def _take_point(self) -> None:
         parts = [
             self._commands.part([f"{PASSTHROUGH}/{part}_{joint}" for joint in range(len(JOINT_NAMES))]).get()
-            for part in ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
+            for part in POINT
         ]
         q, qd, qdd = (None if any(value != value for value in part) else part for part in parts)
         time_s = self._commands[f"{PASSTHROUGH}/time_from_start"]
@@ -133,10 +124,10 @@ class PassthroughExecution(RobotExecution):
             self._commands[_STATE] = Transfer.DONE
 
 
-class PrimitivesExecution(RobotExecution):
-    """The hardware's side of `client.controllers.motion_primitives`."""
+class PrimitivesExecution:
+    """The hardware's side of `client.controllers.motion_primitives`, with the methods of `PassthroughExecution`."""
 
-    def __init__(self, commands: URCommands, states: URStates, driver: ArmDriver, spawn: Spawn) -> None:
+    def __init__(self, commands: URCommands, states: URStates, driver: URDriver, spawn: Spawn) -> None:
         self._commands = commands.part(PRIMITIVE_COMMANDS)
         self._states = states
         self._execution = TrajectoryExecution(driver, spawn)

@@ -12,9 +12,10 @@ from typing import Any, Final
 
 from client.controllers.controller import NO_COMMAND
 from client.controllers.modes import MOTION, CommandMode, conflict, mode_of
-from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
-from client.controllers.ur_execution import PassthroughExecution, PrimitivesExecution, RobotExecution
+from client.controllers.ur_commands import Spawn, URCommands
+from client.controllers.ur_execution import PassthroughExecution, PrimitivesExecution
 from client.controllers.ur_states import URStates
+from client.driver import URDriver
 from client.driver.availability import refusal
 from client.driver.link import MOVABLE
 from client.driver.reverse import MAX_REAL_TIME_S
@@ -44,7 +45,7 @@ class URHardware:
 
     def __init__(
         self,
-        driver: ArmDriver,
+        driver: URDriver,
         version: PolyscopeVersion,
         spawn: Spawn,
         *,
@@ -75,7 +76,7 @@ class URHardware:
         self._absent_until_s = 0.0  # until when the program may be absent, by the robot's clock
         self._offset = [0.0] * len(JOINT_NAMES)
         self._return_s = 0.0
-        self._executions: dict[CommandMode, RobotExecution] = {
+        self._executions: dict[CommandMode, PassthroughExecution | PrimitivesExecution] = {
             CommandMode.PASSTHROUGH: PassthroughExecution(self._ur_commands, driver, spawn),
             CommandMode.MOTION_PRIMITIVE: PrimitivesExecution(self._ur_commands, self._states, driver, spawn),
         }

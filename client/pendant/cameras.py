@@ -63,7 +63,6 @@ class CameraLink:
         return response.headers.get("content-type", ""), _stream_content(response)
 
     async def close(self) -> None:
-        """End the connections."""
         await self._cameras.close()
         for poller in self._descriptions.values():
             await poller.close()

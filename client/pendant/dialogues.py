@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from client.pendant.events import popup_severity, report_level
 from urproto import text as text_format
 from urproto.modes import ReportLevel, RequestedType, SafetyMode
 from urproto.primary.messages import PROGRAM_STOPPED, ErrorCodeMessage, KeyMessage, PopupMessage, RequestValueMessage
 
 UNLOCK_AFTER_S: Final = 5.0  # dashboard manual: the robot refuses to unlock earlier
-_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # from here on, the levels repeat with the same meaning
 _CAUSE_WINDOW_S: Final = 1.0  # guess: a report this close to the stop is its cause
 ANSWERABLE: Final = {
     RequestedType.BOOLEAN: "yes or no",
@@ -71,7 +71,7 @@ class Stops:
 
     def handle_message(self, message: object) -> None:
         """Process an error report, which arrives before or after the state that shows the stop."""
-        if isinstance(message, ErrorCodeMessage) and message.level % _DEVELOPER_LEVEL >= ReportLevel.WARNING:
+        if isinstance(message, ErrorCodeMessage) and report_level(message) >= ReportLevel.WARNING:
             self._report = message
             self._assign_cause()
 
@@ -103,14 +103,13 @@ class Dialogues:
 
     @property
     def oldest(self) -> Dialogue | None:
-        """The dialogue to show."""
         return next(iter(self.open.values()), None)
 
     def handle_message(self, message: object) -> None:
         """Process a dialogue that opens, and the end of a program, which withdraws its questions."""
         if isinstance(message, PopupMessage):
-            severity = "error" if message.error else "warning" if message.warning else "info"
-            self._add(Dialogue(message.request_id, message.title, message.text, RequestedType.NONE, severity))
+            kind, severity = RequestedType.NONE, popup_severity(message)
+            self._add(Dialogue(message.request_id, message.title, message.text, kind, severity))
         elif isinstance(message, RequestValueMessage):
             kind = _requested_type(message.requested_type)
             title = "Popup" if kind is RequestedType.NONE else "Question"
@@ -119,7 +118,6 @@ class Dialogues:
             self._retain(lambda dialogue: dialogue.type is RequestedType.NONE)
 
     def close(self, number: int) -> None:
-        """Close a dialogue."""
         if self.open.pop(number, None) is not None:
             self._closed.add(number)
 

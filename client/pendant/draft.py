@@ -1,8 +1,15 @@
-"""The script that is being edited on the pendant, and the errors that the checker and the robot report for it."""
+"""The script that is being edited on the pendant, and the errors that the checker and the robot report for it.
 
+Like an editor, the client runs the command ``urscript check`` and does not import the URScript packages.
+"""
+
+import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from client.pendant import processes
+from client.programs import CheckerError, checker_command, read_problems
 from client.scripts import Script, prepare
 from urproto.errors import LocalProtocolError
 from urproto.primary.messages import (
@@ -12,6 +19,8 @@ from urproto.primary.messages import (
     KeyMessage,
     RuntimeExceptionMessage,
 )
+from urproto.text import to_bytes
+from urproto.versions import PolyscopeVersion
 
 _START_TIMEOUT_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
 _MAX_LENGTH: Final = 2_000_000  # characters; a robot accepts no more either (guess)
@@ -24,6 +33,9 @@ def hello():
   textmsg("the tool is at ", get_actual_tcp_pose())
 end
 """
+_DEBOUNCE_S: Final = 0.5  # guess: an author who pauses for so long wants the result
+_POLL_PERIOD_S: Final = 0.2
+_CHECK_TIMEOUT_S: Final = 20.0  # guess: 2 MB take a tenth of this
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,3 +145,33 @@ class Draft:
 def _readable_error(reported: str) -> str:
     """Replace the raw message of a syntax error, which repeats the line and its number."""
     return _SYNTAX_ERROR if reported.startswith("syntax_error_on_line") else reported
+
+
+async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]:
+    """Check a script for a controller of this version; returns all problems. Raises CheckerError, TimeoutError."""
+    done = await processes.run(checker_command(version), to_bytes(text), _CHECK_TIMEOUT_S)
+    problems = read_problems(*done)
+    return tuple(
+        ScriptError(problem.line, problem.column, problem.message, "check", "warning" if problem.warning else "error")
+        for problem in problems
+    )
+
+
+async def check_forever(
+    draft: Draft, version: Callable[[], PolyscopeVersion | None], on_problem: Callable[[str], object]
+) -> None:
+    """Check the draft after each change, forever. on_problem: called with the reason if it cannot be checked."""
+    last_checked: object = None
+    while True:
+        await asyncio.sleep(_POLL_PERIOD_S)
+        revision, polyscope = draft.revision, version()
+        if polyscope is None or last_checked == (revision, polyscope):
+            continue
+        await asyncio.sleep(_DEBOUNCE_S)
+        if draft.revision != revision:
+            continue
+        last_checked = (revision, polyscope)
+        try:
+            draft.set_diagnoses(revision, await check(draft.text, polyscope))
+        except (CheckerError, TimeoutError, OSError) as error:
+            on_problem(str(error) or "urscript check takes too long")

@@ -47,7 +47,6 @@ class EmulatorControl:
         self.time: Mapping[str, Any] = {}
 
     async def close(self) -> None:
-        """End the connection."""
         for poller in self._pollers.values():
             await poller.close()
         await self._http.aclose()

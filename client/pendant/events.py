@@ -33,7 +33,6 @@ MAX_SHOWN: Final = 500  # lines a browser keeps
 _MAX_TEXT_LENGTH: Final = 2000  # characters of a line; downloads are complete
 _CSV_HEADER: Final = ("time", "uptime_s", "severity", "source", "code", "text")
 _MAX_EVENTS: Final = 10_000
-_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # from here on, the levels repeat with the same meaning
 _PROGRAM_VERBS: Final = {
     PROGRAM_STARTED: "started",
     PROGRAM_STOPPED: "stopped",
@@ -198,7 +197,7 @@ class _Entry(NamedTuple):
 def _entry(message: RobotMessage) -> _Entry | None:
     match message:
         case ErrorCodeMessage():
-            severity = _LEVELS.get(message.level % _DEVELOPER_LEVEL, "info")
+            severity = _LEVELS.get(report_level(message), "info")
             return _Entry("controller", severity, report_text(message), message.label)
         case RuntimeExceptionMessage():
             return _Entry("program", "error", f"line {message.line}, column {message.column}: {message.text}")
@@ -209,14 +208,22 @@ def _entry(message: RobotMessage) -> _Entry | None:
         case KeyMessage():
             return _program_entry(message)
         case PopupMessage():
-            severity = "error" if message.error else "warning" if message.warning else "info"
-            return _Entry("dialogue", severity, f"{message.title}: {message.text}")
+            return _Entry("dialogue", popup_severity(message), f"{message.title}: {message.text}")
         case RequestValueMessage():
             return _Entry("dialogue", "info", f"Question: {message.text}")
         case VersionMessage():
             return _Entry("controller", "info", f"Connected to {message.project} {message.version}")
         case _:
             return None
+
+
+def popup_severity(message: PopupMessage) -> Severity:
+    return "error" if message.error else "warning" if message.warning else "info"
+
+
+def report_level(message: ErrorCodeMessage) -> int:
+    """The level of a report; those from DEVELOPER_DEBUG on repeat the lower ones with the same meaning."""
+    return message.level % ReportLevel.DEVELOPER_DEBUG
 
 
 def report_text(message: ErrorCodeMessage) -> str:

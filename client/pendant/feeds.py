@@ -6,6 +6,7 @@ Browsers that show the same data share a connection, which is closed when no bro
 import asyncio
 import math
 from array import array
+from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -57,14 +58,8 @@ class Feed:
 
     def row_at(self, time_s: float) -> int:
         """The first row that is not older than this robot time; after a clock was set back, rows count as older."""
-        column, low, high = self._first_columns["timestamp"], self.begin, self.end
-        while low < high:
-            middle = (low + high) // 2
-            if self._rows[(middle - self.begin) * self.width + column] < time_s:
-                low = middle + 1
-            else:
-                high = middle
-        return low
+        column, count = self._first_columns["timestamp"], self.end - self.begin
+        return self.begin + bisect_left(range(count), time_s, key=lambda i: self._rows[i * self.width + column])
 
     def states(self, begin: int = 0) -> Iterator[dict[str, Any]]:
         """All kept states from a row on, as received over RTDE; None for values not requested at that time."""
@@ -78,7 +73,6 @@ class Feed:
         return other
 
     def append_state(self, values: Mapping[str, Any]) -> None:
-        """Add a state."""
         self.values = values
         self.problem = ""
         if not self._keep_rows:
@@ -125,11 +119,9 @@ class Feed:
 
 
 def _convert(value: float, letter: str) -> Any:
-    if letter == "d":
-        return None if math.isnan(value) else value
     if math.isnan(value):
         return None
-    return bool(value) if letter == "?" else int(value)
+    return value if letter == "d" else bool(value) if letter == "?" else int(value)
 
 
 class Feeds:
@@ -176,7 +168,6 @@ class Feeds:
         return len(self._feeds)
 
     async def close(self) -> None:
-        """End all feeds."""
         tasks = list(self._tasks.values())
         for feed in list(self._feeds.values()):
             self._stop(feed)

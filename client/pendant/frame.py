@@ -19,7 +19,6 @@ _Unbuilt: TypeAlias = dict[str, tuple[Screen, ui.tab_panel]]
 
 
 def build(page: Page, initial_screen: str) -> None:
-    """Build the whole page, with one screen visible."""
     tabs = _header(page, initial_screen)
     _lost_banner(page)
     with ui.tab_panels(tabs, value=initial_screen, animated=False).classes("screens") as panels:

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from math import hypot, inf, sqrt
 from typing import Final, Literal
 
+import numpy as np
+import numpy.typing as npt
+
 from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints, Kinematics
-from urproto.robots.kinematics import Jacobian
 
 _JOINT_RAMP: Final = (1.4, 4.0)  # rad/s2, up and down: URScript's default, and the control program's own when it ends
 _LINE_RAMP: Final = (1.2, 2.5)  # m/s2: URScript's default for tools; guess for the way down
@@ -60,7 +62,6 @@ class Ramp:
 
     @property
     def at_rest(self) -> bool:
-        """Whether all speeds are zero."""
         return not any(self.speeds)
 
     def next(
@@ -105,13 +106,13 @@ class Ramp:
         kinematics = self._bounds.kinematics
         if kinematics is None or not any(twist):
             return tuple(twist)
-        jacobian = kinematics.jacobian_at(q_rad, pose)
+        jacobian = np.array(kinematics.jacobian_at(q_rad, pose))
         qd, error = _joint_speeds(jacobian, twist)
         scale = max(0.0, 1.0 - error / _MAX_ERROR)
         ahead = [angle + _LOOKAHEAD_S * speed for angle, speed in zip(q_rad, qd, strict=True)]
         later = kinematics.jacobian_at(ahead, [a + _LOOKAHEAD_S * b for a, b in zip(pose, twist, strict=True)])
-        now = _determinant(jacobian)
-        decay = (1.0 - _determinant(later) / now) / _LOOKAHEAD_S if abs(now) > _SINGULAR else 0.0
+        now = float(np.linalg.det(jacobian))
+        decay = (1.0 - float(np.linalg.det(later)) / now) / _LOOKAHEAD_S if abs(now) > _SINGULAR else 0.0
         scale = min(scale, _MAX_DECAY / max(decay, _MAX_DECAY))
         if scale < _SLOWED_SHARE:
             self.slowed = "Near a singularity: the joints cannot follow this direction"
@@ -155,49 +156,11 @@ def _ramp_vector(
     )
 
 
-def _joint_speeds(jacobian: Jacobian, twist: Sequence[float]) -> tuple[tuple[float, ...], float]:
+def _joint_speeds(jacobian: npt.NDArray[np.float64], twist: Sequence[float]) -> tuple[tuple[float, ...], float]:
     """Joint speeds that come closest to a twist of the tool, and the relative error that remains.
 
     Damped least squares: qd = Jt (J Jt + d^2)^-1 v, so speeds stay finite in singularities.
     """
-    squares = [[sum(a * b for a, b in zip(row_a, row_b, strict=True)) for row_b in jacobian] for row_a in jacobian]
-    for i, row in enumerate(squares):
-        row[i] += _DAMPING * _DAMPING
-    weights = _solve(squares, twist)
-    qd = tuple(sum(row[i] * weight for row, weight in zip(jacobian, weights, strict=True)) for i in range(6))
-    residual = [
-        value - sum(a * b for a, b in zip(row, qd, strict=True)) for value, row in zip(twist, jacobian, strict=True)
-    ]
-    return qd, hypot(*residual) / hypot(*twist)
-
-
-def _determinant(jacobian: Jacobian) -> float:
-    rows = [list(row) for row in jacobian]
-    product = 1.0
-    for i in range(6):
-        best = max(range(i, 6), key=lambda k: abs(rows[k][i]))
-        if best != i:
-            rows[i], rows[best], product = rows[best], rows[i], -product
-        pivot = rows[i]
-        if pivot[i] == 0.0:
-            return 0.0
-        product *= pivot[i]
-        for row in rows[i + 1 :]:
-            factor = row[i] / pivot[i]
-            for j in range(i + 1, 6):
-                row[j] -= factor * pivot[j]
-    return product
-
-
-def _solve(matrix: list[list[float]], right: Sequence[float]) -> list[float]:
-    """Solve matrix x = right by Gaussian elimination; the matrix is positive definite, so no pivoting is needed."""
-    rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
-    for i, pivot in enumerate(rows):
-        for row in rows[i + 1 :]:
-            factor = row[i] / pivot[i]
-            for j in range(i, 7):
-                row[j] -= factor * pivot[j]
-    x = [0.0] * 6
-    for i in reversed(range(6)):
-        x[i] = (rows[i][6] - sum(rows[i][j] * x[j] for j in range(i + 1, 6))) / rows[i][i]
-    return x
+    damped = jacobian @ jacobian.T + _DAMPING * _DAMPING * np.eye(6)
+    qd = jacobian.T @ np.linalg.solve(damped, twist)
+    return tuple(qd.tolist()), float(np.linalg.norm(twist - jacobian @ qd)) / hypot(*twist)

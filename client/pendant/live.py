@@ -119,7 +119,6 @@ class Live:
         self._streams.append(_Stream(element.id, kind, next_update, self.building))
 
     def show(self, screen: str) -> None:
-        """Another screen has become visible."""
         self.screen = screen
         for handler in self.on_show:
             handler(screen)

@@ -65,7 +65,6 @@ class ManagerLink:
             await manager.__aexit__(None, None, None)
 
     async def close(self) -> None:
-        """End the connection."""
         await self._poller.close()
         await self.disconnect()
 

@@ -24,7 +24,7 @@ from client.errors import (
 from client.pendant.jogging import Bounds, Ramp, Velocity
 from client.robot import AsyncRobot
 from urproto.errors import RobotRefused, URError
-from urproto.modes import RobotMode, RuntimeState
+from urproto.modes import RobotMode, RuntimeState, mode_name
 
 if TYPE_CHECKING:
     from client.planning import Plan
@@ -73,7 +73,6 @@ class Mover:
 
     @property
     def freedrive(self) -> bool:
-        """Whether freedrive is active or about to start."""
         return self._freedrive_end is not None
 
     @property
@@ -243,7 +242,7 @@ class Mover:
         state = self._robot.state
         if state.robot_mode is not RobotMode.RUNNING:  # it may have changed since the page allowed this
             raise RobotRefused(
-                "motion", f"the robot mode is {_mode_name(state.robot_mode)}", "release the brakes first"
+                "motion", f"the robot mode is {mode_name(RobotMode, state.robot_mode)}", "release the brakes first"
             )
         if not self._robot.driver.program_running:
             await self._require_no_program(self._robot)
@@ -290,7 +289,6 @@ class Mover:
                 self._releasing = False
 
     async def close(self) -> None:
-        """Come to rest and disconnect."""
         with suppress(URError, OSError):
             await self.stop()
         await self._release_quietly()
@@ -319,7 +317,3 @@ def _user_error(error: BaseException, activity: str) -> BaseException:
 
 def _is_controllable(robot: AsyncRobot) -> bool:
     return robot.driver.program_running and robot.driver.link.safety_mode in MOVABLE
-
-
-def _mode_name(mode: int) -> str:
-    return getattr(mode, "name", str(mode))

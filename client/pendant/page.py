@@ -264,7 +264,6 @@ class Page:
 
     @contextmanager
     def _question(self, title: str, classes: str = "") -> Iterator[ui.dialog]:
-        """A dialog with a title."""
         with self.content, ui.dialog() as dialog, ui.card().classes(classes):
             ui.label(title).classes("text-h6")
             yield dialog
@@ -293,7 +292,6 @@ class Page:
         return self.live.text(read)
 
     def program_buttons(self, props: str, test_id_prefix: str) -> None:
-        """Buttons to play, pause and stop the program."""
         for icon, name, action, callback in (
             ("play_arrow", "Play", Action.PLAY, self.play),
             ("pause", "Pause", Action.PAUSE, lambda: self.station.request(dashboard.PAUSE)),
@@ -303,7 +301,6 @@ class Page:
             self.bind_button(action, callback, button.props(f"data-testid={test_id_prefix}{name.lower()}"), name)
 
     def show_if(self, element: ui.element, read: Callable[[Station], bool]) -> None:
-        """Show an element only while a condition is true."""
         element.set_visibility(read(self.station))
         self.live.effect(read, element.set_visibility)
 
@@ -327,7 +324,6 @@ class Page:
 
     @contextmanager
     def panel(self, title: str, classes: str = "") -> Iterator[ui.card]:
-        """A card with a title."""
         with ui.card().classes(f"panel {classes}") as card:
             ui.label(title).classes("panel-title")
             yield card

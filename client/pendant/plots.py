@@ -1,15 +1,20 @@
-"""The plots of one browser: their signals, the states they need, and which of these the browser has already."""
+"""The signals that can be plotted, and the plots of one browser."""
 
 import asyncio
 import math
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from client.pendant.feeds import Feed, Feeds
-from client.pendant.series import PRESETS, Series, series
 from client.recording.tables import CsvWriter
+from urproto.joints import JOINT_TITLES
+from urproto.rtde.fields import OUTPUT_FIELDS, Field, available_fields
+from urproto.rtde.types import FieldType
+from urproto.signals import DIGITAL_GROUPS
+from urproto.versions import PolyscopeVersion
 
 RATES_HZ: Final = (10, 25, 50, 125)
 WINDOWS_S: Final = (5, 10, 20, 30, 60, 120)
@@ -17,6 +22,112 @@ MAX_PANES: Final = 4
 _LINGER_S: Final = 120.0  # states are still collected after the screen was left, for instance to jog
 _NUMBERS_PER_MESSAGE: Final = 20_000
 _MAX_SERIES: Final = 24  # in one pane
+_POSE_ELEMENTS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
+_INERTIA_ELEMENTS: Final = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+_MIXED_UNITS: Final = (
+    "m rad",
+    "m/s rad/s",
+    "m/s2 rad/s2",
+    "N Nm",
+)  # three elements have the first unit, three the second
+_SCREEN_UNITS: Final = {  # unit -> unit in PolyScope, and conversion factor
+    "rad": ("°", 57.29577951308232),
+    "rad/s": ("°/s", 57.29577951308232),
+    "rad/s2": ("°/s²", 57.29577951308232),
+    "m": ("mm", 1000.0),
+    "m/s": ("mm/s", 1000.0),
+    "m/s2": ("m/s²", 1.0),
+    "degC": ("°C", 1.0),
+    "kg m2": ("kg m²", 1.0),
+}
+_DIGITAL_SIGNALS: Final = tuple(  # of the words of digital signals: name, number of signals
+    (f"{group.letter}{{}}{index}", group.bit(index)) for group in DIGITAL_GROUPS for index in range(group.count)
+)
+_DIGITAL_WORDS: Final = {"actual_digital_input_bits": "I", "actual_digital_output_bits": "O"}
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One number over time: element ``index`` of an RTDE output, or one ``bit`` of it.
+
+    unit: in RTDE. shown_unit: on a screen, converted by ``factor``.
+    """
+
+    field: str
+    index: int
+    label: str
+    unit: str
+    shown_unit: str
+    factor: float
+    doc: str
+    bit: int | None = None
+    steps: bool = False
+
+    @property
+    def key(self) -> str:
+        """Name as in Python: ``actual_q[2]``; ``actual_digital_output_bits>>3`` for a bit."""
+        if self.bit is not None:
+            return f"{self.field}>>{self.bit}"
+        return f"{self.field}[{self.index}]" if OUTPUT_FIELDS[self.field].type.count > 1 else self.field
+
+
+def catalogue(version: PolyscopeVersion | None) -> dict[str, Series]:
+    """All signals of a controller of this version, by key; of any version if it is unknown."""
+    fields = OUTPUT_FIELDS if version is None else available_fields(OUTPUT_FIELDS, version)
+    return {series.key: series for field in fields.values() for series in _split(field)}
+
+
+def series(*keys: str) -> list[Series]:
+    """The signals with these keys. Raises KeyError."""
+    return [_ALL[key] for key in keys]
+
+
+def _split(field: Field) -> Iterator[Series]:
+    count, steps = field.type.count, field.type.letter != "d"
+    names = _element_names(field)
+    for index in range(count):
+        unit = _unit(field, index)
+        shown, factor = _SCREEN_UNITS.get(unit, (unit, 1.0))
+        label = f"{field.name} {names[index]}" if count > 1 else field.name
+        yield Series(field.name, index, label, unit, shown, factor, field.doc, steps=steps)
+    for pattern, bit in _DIGITAL_SIGNALS if field.name in _DIGITAL_WORDS else ():
+        name = pattern.format(_DIGITAL_WORDS[field.name])
+        yield Series(field.name, 0, name, "", "", 1.0, f"digital signal {name}", bit, steps=True)
+
+
+def _unit(field: Field, index: int) -> str:
+    if field.unit in _MIXED_UNITS:
+        return field.unit.split(" ")[index // 3]
+    return field.unit
+
+
+def _element_names(field: Field) -> tuple[str, ...]:
+    if field.type is FieldType.VECTOR3D or field.unit in _MIXED_UNITS:
+        return _POSE_ELEMENTS
+    return _INERTIA_ELEMENTS if field.name == "payload_inertia" else JOINT_TITLES
+
+
+_ALL: Final = catalogue(None)
+
+
+def _vector(name: str, count: int = 6) -> tuple[str, ...]:
+    return tuple(f"{name}[{index}]" for index in range(count))
+
+
+PRESETS: Final[dict[str, tuple[str, ...]]] = {
+    "Joint angles": _vector("actual_q"),
+    "Joint speeds": _vector("actual_qd"),
+    "Joint currents": _vector("actual_current"),
+    "Joint temperatures": _vector("joint_temperatures"),
+    "TCP position": _vector("actual_TCP_pose", 3),
+    "TCP speed": _vector("actual_TCP_speed", 3),
+    "TCP force": _vector("actual_TCP_force", 3),
+    "TCP torque": _vector("actual_TCP_force")[3:],
+    "Speed": ("speed_scaling", "target_speed_fraction"),
+    "Digital outputs": tuple(f"actual_digital_output_bits>>{bit}" for bit in range(8)),
+    "Digital inputs": tuple(f"actual_digital_input_bits>>{bit}" for bit in range(8)),
+}
+"""Common selections of signals: name -> keys."""
 
 
 @dataclass(slots=True, eq=False)
@@ -52,7 +163,6 @@ class Plots:
     # settings
 
     def changed(self) -> None:
-        """Apply changed settings."""
         self.version += 1
         if self._visible:
             self._subscribe()
@@ -65,7 +175,6 @@ class Plots:
         self.changed()
 
     def clear(self) -> None:
-        """Discard the collected states."""
         if self.feed is not None:
             self._cleared_at = self.feed.end
             self._fresh = True
@@ -73,7 +182,6 @@ class Plots:
     # visibility
 
     def show(self) -> None:
-        """The screen has become visible."""
         if not self._visible:
             self._visible = True
             self._subscribe()

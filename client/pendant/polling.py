@@ -1,7 +1,8 @@
-"""Polls values that are not sent unasked while a page shows them, and reopens lost connections."""
+"""Tracks open pages, polls values that are not sent unasked while a page shows them, and reopens lost connections."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Final, Generic, NoReturn, TypeVar
 
 from client.modbus import GENERAL_REGISTERS, ModbusClient
@@ -77,7 +78,6 @@ class Poller(Generic[Answer]):
         self.refresh()
 
     async def close(self) -> None:
-        """Stop polling."""
         polling, self._polling = self._polling, None
         if polling is not None:
             polling.cancel()
@@ -136,7 +136,6 @@ class GeneralRegisters:
 
     @property
     def problem(self) -> str:
-        """Why the registers are unknown."""
         return self._poller.problem
 
     async def write(self, address: int, word: int) -> None:
@@ -146,7 +145,6 @@ class GeneralRegisters:
         self._poller.refresh()
 
     async def close(self) -> None:
-        """End the connection."""
         await self._poller.close()
 
     async def _read(self) -> tuple[int, ...]:
@@ -203,3 +201,29 @@ class LatestRequest(Generic[Request]):
                     self._on_error(str(error))
         finally:
             self._task = None
+
+
+class Audience:
+    """The pages that browsers have open."""
+
+    def __init__(self) -> None:
+        self._pages: set[str] = set()
+        self._page_opened = asyncio.Event()
+
+    def join(self, page_id: str) -> None:
+        self._pages.add(page_id)
+        self._page_opened.set()
+
+    def leave(self, page_id: str) -> None:
+        self._pages.discard(page_id)
+        if not self._pages:
+            self._page_opened.clear()
+
+    async def sleep(self, watched_s: float, unwatched_s: float) -> None:
+        """Wait for ``watched_s`` if a page is open, else for ``unwatched_s`` or until a page opens."""
+        if self._pages:
+            await asyncio.sleep(watched_s)
+            return
+        with suppress(TimeoutError):
+            async with timeout(unwatched_s):
+                await self._page_opened.wait()

@@ -12,8 +12,8 @@ from pathlib import PurePosixPath
 from typing import Any, Final, TypeVar
 
 from client.errors import FileError
-from client.pendant.program_file import ProgramFile, SavedDraft
 from client.pendant.program_view import ProgramView
+from client.pendant.saved import ProgramFile, SavedDraft
 from urproto.robots import RobotModel, load_model
 from urproto.text import to_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -123,7 +123,6 @@ class ProgramDraft:
 
     @property
     def title(self) -> str:
-        """The name of the program."""
         return self.path or _UNNAMED
 
     @property
@@ -136,7 +135,6 @@ class ProgramDraft:
         return packed(self.editor.document())
 
     def tree(self) -> ProgramTree:
-        """The program tree, for translation."""
         return self.editor.tree
 
     def files(self, stem: str) -> dict[str, bytes | None]:
@@ -151,7 +149,6 @@ class ProgramDraft:
         return {f"{stem}.script": script, f"{stem}.txt": text, f"{stem}{_EXTENSION}": self.data()}
 
     def new(self) -> None:
-        """Replace the program by an empty one."""
         self._replace(self._create_empty(), "")
 
     def open(self, data: bytes, path: str) -> None:
@@ -182,14 +179,12 @@ class ProgramDraft:
                 self._report_error(f"the program is not saved on this machine: {error}")
 
     def _mark_changed(self, *, edited: bool = True) -> None:
-        """Show and save a change."""
         if edited:
             self.version += 1
         self._edited.set()
         self._on_change()
 
     def notify_pages(self) -> None:
-        """Update the pages because a setting of one has changed."""
         self._on_change()
 
     # edits
@@ -225,7 +220,6 @@ class ProgramDraft:
         raise first or ValueError("this node is no longer in the program")
 
     def delete(self, node: str) -> None:
-        """Delete a node and its children."""
         self.editor.delete(node)
         self._mark_changed()
 
@@ -275,12 +269,10 @@ class ProgramDraft:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is an edit to undo."""
         return bool(self.editor.can_undo)
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is an edit to redo."""
         return bool(self.editor.can_redo)
 
     def undo(self) -> None:
@@ -294,7 +286,6 @@ class ProgramDraft:
         self._mark_changed()
 
     def toggle_breakpoint(self, node: str) -> None:
-        """Set a breakpoint at a node, or remove it."""
         self.view.number(node)
         self.view.breakpoints ^= {node}
         self._on_change()
@@ -315,7 +306,6 @@ class Selection:
         return self._node
 
     def choose(self, node: str) -> None:
-        """Select a node, if it exists."""
         if self._draft.view.has(node):
             self._node = node
             self._draft.notify_pages()

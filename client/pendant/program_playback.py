@@ -115,7 +115,6 @@ def is_on_robot(station: Station) -> bool:
 
 
 def is_paused(station: Station) -> bool:
-    """Whether the program of the editor is paused."""
     return station.runtime_state in _PAUSED and is_on_robot(station)
 
 

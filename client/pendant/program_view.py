@@ -99,7 +99,6 @@ class ProgramView:
         return rows.get(node)
 
     def has(self, node: str) -> bool:
-        """Whether a node exists."""
         return self.row(node) is not None
 
     def first(self) -> str:
@@ -134,12 +133,10 @@ class ProgramView:
         return row.number
 
     def text(self, node: str) -> str:
-        """The title of a node."""
         row = self.row(node)
         return "" if row is None else row.title
 
     def doc(self, node: str) -> str:
-        """The description of a node's kind."""
         row = self.row(node)
         return "" if row is None else _kind_docs().get(row.kind, "")
 
@@ -203,5 +200,4 @@ def _icon(kind: str) -> str:
 
 @cache
 def _kind_docs() -> dict[str, str]:
-    """Descriptions of the kinds of nodes, by key."""
     return {kind.key: found.doc for found in NODES.values() for kind in found.kinds}

@@ -77,7 +77,6 @@ class Programs:
     # messages of the robot
 
     def handle_message(self, message: object) -> None:
-        """Process a message about programs."""
         self.draft.handle_message(message)
         if isinstance(message, ProgramThreadsMessage):
             self.threads = message.threads
@@ -90,7 +89,6 @@ class Programs:
             self.refresh()
 
     def refresh(self) -> None:
-        """Query again, because something may have changed."""
         self._changed.set()
 
     def run_time_s(self, now_s: float) -> float | None:
@@ -106,7 +104,6 @@ class Programs:
         return int(station.values.get(_LINE_FIELD, 0))
 
     def reports_line(self, station: Robot) -> bool:
-        """Whether the robot's software reports the line."""
         return _LINE_FIELD not in station.unavailable
 
     # queries

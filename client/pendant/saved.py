@@ -1,7 +1,11 @@
-"""Files in which the pendant saves named data of its users as JSON, shared by all browsers."""
+"""Files in which the pendant saves data of its users as JSON, shared by all browsers: TCPs, poses, edited programs."""
 
+import base64
 import json
+import os
+import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -21,6 +25,7 @@ BUILT_IN: Final[Mapping[str, Joints]] = {
 
 _T = TypeVar("_T")
 _MAX_NAME_LENGTH: Final = 60
+_INVALID_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9.-]")  # in names of files
 
 
 class JsonFile(Generic[_T]):
@@ -52,21 +57,15 @@ class JsonFile(Generic[_T]):
     def change(self, content: dict[str, _T]) -> None:
         """Replace the content. Raises FileError; then nothing has changed."""
         if self._path is not None:
-            write_json(self._path, content)
+            _write_json(self._path, content)
         self._content = content
         self.version += 1
 
     def _load(self, path: Path) -> dict[str, _T]:
-        try:
-            return self._parse(json_document(path.read_text("utf-8")))
-        except FileNotFoundError:
-            return {}
-        except OSError as error:
-            raise FileError(path, error.strerror or str(error)) from error
-        except (ValueError, AttributeError, ArithmeticError, RecursionError) as error:  # huge numbers, deep nesting
-            raise FileError(
-                path, f"the file does not contain {self._label}: {error}; move it out of the way"
-            ) from error
+        def unusable(error: Exception) -> str:
+            return f"the file does not contain {self._label}: {error}; move it out of the way"
+
+        return _read_json(path, self._parse, unusable) or {}
 
 
 class Tools(JsonFile[Pose]):
@@ -84,7 +83,6 @@ class Tools(JsonFile[Pose]):
         self.change(dict(sorted(tools.items())))
 
     def delete(self, name: str) -> None:
-        """Delete an entry, if it exists."""
         self.change({other: tcp for other, tcp in self.content.items() if other != name})
 
 
@@ -114,7 +112,6 @@ class Poses(JsonFile[dict[str, Joints]]):
         self._replace(model, self.for_model(model) | {_checked_pose_name(name): _joint_angles(q_rad)})
 
     def delete(self, model: str, name: str) -> None:
-        """Delete an entry, if it exists."""
         self._replace(model, {other: q for other, q in self.for_model(model).items() if other != name})
 
     def rename(self, model: str, old: str, new: str) -> None:
@@ -160,8 +157,68 @@ def checked_name(name: str, subject: str) -> str:
     return name
 
 
-def write_json(path: Path, content: Any) -> None:
+def _read_json(path: Path, parse: Callable[[Any], _T], unusable: Callable[[Exception], str]) -> _T | None:
+    """The parsed content of a file, None if it does not exist. Raises FileError, with the text of ``unusable``."""
+    try:
+        return parse(json_document(path.read_text("utf-8")))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise FileError(path, error.strerror or str(error)) from error
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise FileError(path, unusable(error)) from error  # also for huge numbers, deep nesting
+
+
+def _write_json(path: Path, content: Any) -> None:
     """Replace a file atomically. Raises FileError."""
     with FileError.accessing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, json.dumps(content, indent=1) + "\n")
+
+
+@dataclass(frozen=True, slots=True)
+class SavedDraft:
+    """A saved draft. data: the bytes of its ``.urp`` file in the present state.
+
+    path: in the robot's programs folder, "" if it was never saved there. changed: since it was saved there.
+    """
+
+    path: str
+    changed: bool
+    data: bytes
+
+
+def _parse_draft(content: Any) -> SavedDraft:
+    return SavedDraft(str(content["path"]), bool(content["changed"]), base64.b64decode(content["urp"], None, True))
+
+
+class ProgramFile:
+    """Files in a folder, one for each robot address; without a folder nothing is kept."""
+
+    def __init__(self, folder: Path | None, address: str) -> None:
+        self.path = None if folder is None else folder / f"{_INVALID_CHARACTERS.sub('_', address)}.json"
+
+    def read(self) -> SavedDraft | None:
+        """The saved draft, None without one. Raises FileError for an unusable file, which is moved aside."""
+
+        def unusable(error: Exception) -> str:
+            return f"not a program draft of a pendant: {error}; {self.move_aside()}"
+
+        return None if self.path is None else _read_json(self.path, _parse_draft, unusable)
+
+    def move_aside(self) -> str:
+        """Rename an unusable file, so that it is not overwritten; returns a text that says where it is."""
+        if self.path is None:
+            return "nothing is saved"
+        new_path = self.path.with_suffix(".unreadable")
+        try:
+            os.replace(self.path, new_path)
+        except OSError as error:
+            return f"it could not be renamed: {error.strerror or error}"
+        return f"it was renamed to {new_path}"
+
+    def write(self, draft: SavedDraft) -> None:
+        """Replace the saved draft, completely or not at all. Raises FileError."""
+        if self.path is not None:
+            urp = base64.b64encode(draft.data).decode()
+            _write_json(self.path, {"path": draft.path, "changed": draft.changed, "urp": urp})

@@ -69,7 +69,6 @@ class SceneMonitor:
         return self._scene
 
     async def close(self) -> None:
-        """Stop building scenes."""
         if self._building is not None:
             self._building.cancel()
             await asyncio.gather(self._building, return_exceptions=True)
@@ -135,7 +134,7 @@ def _object_data(name: str, obj: "SceneObject") -> dict[str, Any]:
 
 def _shape_data(shape: "Shape") -> dict[str, Any]:
     from client.planning import Box, Cylinder, Mesh, Sphere
-    from client.planning.solids import hull_of
+    from client.planning.collision_model import hull_of
 
     match shape:
         case Box(size):

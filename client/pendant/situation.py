@@ -100,12 +100,16 @@ class Situation:
     refusals: Mapping[Action, str]
 
     def permits(self, action: Action) -> bool:
-        """Whether an action is permitted now."""
         return action not in self.refusals
 
     def refusal(self, action: Action) -> str:
         """Why an action is not permitted, "" if it is."""
         return self.refusals.get(action, "")
+
+    @property
+    def play_refusal(self) -> str:
+        """Why no program can be played, "" if one can be or is running."""
+        return "" if self.permits(Action.PAUSE) else self.refusal(Action.PLAY)
 
     def require(self, action: Action) -> None:
         """Raises NotPermittedError if an action is not permitted."""
@@ -198,7 +202,6 @@ _NOT_CONNECTED: Final = _Mode(
 
 @lru_cache(maxsize=512)
 def situation(status: RobotStatus) -> Situation:
-    """Evaluate the status of a robot."""
     mode = _MODES[status.robot_mode] if status.connected else _NOT_CONNECTED
     safety, advice = (_SAFETY[status.safety_mode].title, _advice(status)) if status.connected else ("–", "")
     title, hint, tone = _headline(status, mode, safety, advice)

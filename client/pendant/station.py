@@ -14,20 +14,18 @@ from client.dashboard import DashboardClient
 from client.dashboard_commands import Operation
 from client.dashboard_on_x import NOT_ON_POLYSCOPE_X
 from client.errors import NoAnswerError, RobotUnreachableError
-from client.pendant.audience import Audience
 from client.pendant.cameras import CameraLink
-from client.pendant.checking import check_forever
 from client.pendant.dialogues import Dialogues, Stops
+from client.pendant.draft import check_forever
 from client.pendant.emulator_control import POLL_PERIOD_S, EmulatorControl
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.manager_link import ManagerLink
 from client.pendant.mover import Mover
-from client.pendant.polling import GeneralRegisters, Poller, follow_forever
+from client.pendant.polling import Audience, GeneralRegisters, Poller, follow_forever
 from client.pendant.program_draft import ProgramDraft
-from client.pendant.program_file import ProgramFile
 from client.pendant.programs import Programs
-from client.pendant.saved import Poses, Tools
+from client.pendant.saved import Poses, ProgramFile, Tools
 from client.pendant.scene_monitor import MonitoredScene, SceneMonitor, SceneSources
 from client.pendant.situation import RobotStatus, Situation, situation
 from client.pendant.variables import Variables
@@ -79,14 +77,14 @@ class Station:
     """The connections of one pendant to one robot; use it with ``async with``.
 
     values: the newest RTDE state, by variable name; empty before the first one and while the robot is unreachable.
-    core: data of the primary interface. log, variables, dialogues, stops, programs: collected from its messages and
-    states. connected: whether states arrive. problem: why they do not. emulator: its control API, which a real arm
-    lacks. cameras: those of an emulator's scene. remote_control: e-Series from 5.6. frame: number of states received.
-    feeds: states of other recipes. general_registers: those of its Modbus server. meshes: the user's
-    folder of meshes. poses, tools: saved poses and TCPs. manager: the controller manager that runs for the robot, if
-    any. program_draft: the program that is being edited; drafts: the folder where it is saved, None for memory only.
-    scene_monitor: the scene for motion planning; scene: the world file with the obstacles around the arm, None to use
-    the emulator's world.
+    core: state, kinematics and configuration of the primary interface, as far as received. log, variables, dialogues,
+    stops, programs: collected from its messages and states. connected: whether states arrive. problem: why they do not.
+    emulator: its control API, which a real arm lacks. cameras: those of an emulator's scene. remote_control: e-Series
+    from 5.6. frame: number of states received. feeds: states of other recipes. general_registers: those of its Modbus
+    server. meshes: the user's folder of meshes. poses, tools: saved poses and TCPs. manager: the controller manager
+    that runs for the robot, if any. program_draft: the program that is being edited; drafts: the folder where it is
+    saved, None for memory only. scene_monitor: the scene for motion planning; scene: the world file with the obstacles
+    around the arm, None to use the emulator's world.
     """
 
     def __init__(
@@ -151,7 +149,7 @@ class Station:
         self._primary: PrimaryClient | None = None
         self._read_only = False  # the primary connection accepts no scripts; a new one may
         self._script_sent = False  # a script has been sent over this connection
-        self._core = PrimaryCore()
+        self.core = PrimaryCore()
         self._arm: ConfigurationData | None = None
         self._model: RobotModel | None = None
         self._exit_stack = AsyncExitStack()
@@ -184,19 +182,13 @@ class Station:
     # state
 
     @property
-    def core(self) -> PrimaryCore:
-        """State, kinematics and configuration of the primary interface, as far as received."""
-        return self._core
-
-    @property
     def primary_state(self) -> RobotStateData | None:
         """The newest state of the primary interface; None while the robot is disconnected."""
-        return self._core.state if self.connected else None
+        return self.core.state if self.connected else None
 
     @property
     def model(self) -> RobotModel | None:
-        """The model of the arm, None while unknown."""
-        arm = self._core.configuration
+        arm = self.core.configuration
         if arm is not self._arm:
             self._arm, self._model = arm, None if arm is None else model_of(arm)
         return self._model
@@ -206,7 +198,7 @@ class Station:
         """This arm and its obstacles, for motion planning; None until they are known, see ``scene_monitor.problem``."""
         offset, world = self.values.get("tcp_offset"), self.emulator.read("world")
         return self.scene_monitor.update(
-            SceneSources(self._core.configuration, self._core.kinematics, offset and tuple(offset), world)
+            SceneSources(self.core.configuration, self.core.kinematics, offset and tuple(offset), world)
         )
 
     @property
@@ -228,7 +220,6 @@ class Station:
 
     @property
     def runtime_state(self) -> RuntimeState:
-        """State of the program."""
         return self._mode("runtime_state", RuntimeState.STOPPED)
 
     def _mode(self, field: str, unknown: Mode) -> Mode:
@@ -239,7 +230,6 @@ class Station:
 
     @property
     def situation(self) -> Situation:
-        """The permitted actions, and the state of the arm as texts."""
         if not self.connected:
             return situation(RobotStatus())
         mode = self.safety_mode
@@ -383,7 +373,8 @@ class Station:
             self.emulator.watch("safety_devices").invalidate()  # the previous answer is outdated
         self.values = values
         self.stops.update(values)
-        self._notify_frame()
+        self.frame += 1
+        self.notify_pages()
 
     async def _follow_messages(self) -> None:
         try:
@@ -394,7 +385,7 @@ class Station:
             self.variables.clear()
 
     async def _receive_messages(self, client: PrimaryClient) -> None:
-        self._primary, self._core = client, client.core
+        self._primary, self.core = client, client.core
         self._read_only = self._script_sent = False
         while not self._read_only:
             message = await self._wait_through_pause(lambda: client.run(client.core.next_message()))
@@ -405,7 +396,8 @@ class Station:
             self.dialogues.handle_message(message)
             self.stops.handle_message(message)
             self.programs.handle_message(message)
-            self._read_only |= self._script_sent and _reports_read_only(message)
+            if isinstance(message, ErrorCodeMessage) and message.code == _READ_ONLY_CODE:
+                self._read_only |= self._script_sent
 
     async def _wait_through_pause(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
         """Wait for the next message or state, however long time is paused."""
@@ -416,18 +408,10 @@ class Station:
                 if not await self.emulator.is_time_paused():
                     raise
 
-    def _notify_frame(self) -> None:
-        self.frame += 1
-        self.notify_pages()
-
     def notify_pages(self) -> None:
         """Update the pages: something other than the state has changed."""
         event, self._update_event = self._update_event, asyncio.Event()
         event.set()
-
-
-def _reports_read_only(message: object) -> bool:
-    return isinstance(message, ErrorCodeMessage) and message.code == _READ_ONLY_CODE
 
 
 async def _cancel(task: "asyncio.Task[Any]") -> None:

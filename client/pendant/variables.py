@@ -32,7 +32,6 @@ class Variables:
 
     @property
     def values(self) -> dict[str, Any]:
-        """The variables whose values have been received."""
         return dict(zip(self.names, self._values, strict=False))
 
     def handle_message(self, message: object) -> None:
@@ -54,7 +53,6 @@ class Variables:
         self.program += 1
 
     def clear(self) -> None:
-        """Discard all variables."""
         if self.names:
             self._rename(0, ())
 
@@ -91,7 +89,6 @@ class VariablesView:
 
 
 def type_name(value: Value) -> str:
-    """The name of a value's type."""
     return _KINDS[type(value)]
 
 

@@ -48,7 +48,6 @@ def cartesian_motions(
     avoid_collisions: bool,
     blend_radius_m: float,
 ) -> CartesianMotions:
-    """See `Planner.compute_cartesian_path`."""
     if not len(waypoints):
         raise PlanningError("a Cartesian path needs at least one waypoint")
     interpolator = interpolator_for(checker, PoseGoal(waypoints[0], tcp_offset))

@@ -8,13 +8,14 @@ never missed, however thin it is, and a distant one needs only one check.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from math import dist
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from client.errors import PlanningError
 from client.planning.collision_model import CollisionModel
+from client.planning.parameterisation import Array, Trajectory
 from client.planning.scene import PlanningScene
 from client.quantities import checked
 from urproto.joints import JOINT_LABELS
@@ -23,7 +24,7 @@ from urproto.vectors import ZERO3, Vector3
 _RESOLUTION_M: Final = 0.001
 _MIN_STEP_M: Final = 1e-9
 _NEAR_M: Final = 0.03  # nearer than this beyond the padding, a link is checked by its cylinders (guess)
-_Vector = npt.NDArray[np.float64]
+_SPEED_SHARES: Final = (1.0, 0.5, 0.25, 0.1)  # of a speed that are tried; guess
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class CollisionChecker:
         self._revision = scene.revision
         self._model = CollisionModel(scene)
 
-    def is_free(self, q_rad: Sequence[float] | _Vector) -> bool:
+    def is_free(self, q_rad: Sequence[float] | Array) -> bool:
         """Whether a configuration is within the joint limits and nothing is nearer than the padding."""
         model = self._current_model()
         q = np.asarray(q_rad, dtype=float)
@@ -66,7 +67,7 @@ class CollisionChecker:
             model.fine.move(q)
         return not any(model.fine.in_collision(pair) for pair in model.fine_pairs(near))
 
-    def clearance(self, q_rad: Sequence[float] | _Vector) -> float:
+    def clearance(self, q_rad: Sequence[float] | Array) -> float:
         """The smallest distance [m] of all pairs that may not touch; infinite if there are none."""
         results = self._current_model().fine.distances(np.asarray(q_rad, dtype=float))
         return min((float(result.min_distance) for result in results), default=float("inf"))
@@ -95,13 +96,13 @@ class CollisionChecker:
         required = f"; the required clearance is {1000 * self.scene.padding_m:g} mm"
         return "; ".join(map(str, pairs[:3])) + required if pairs else ""
 
-    def path_is_free(self, start_rad: Sequence[float] | _Vector, end_rad: Sequence[float] | _Vector) -> bool:
+    def path_is_free(self, start_rad: Sequence[float] | Array, end_rad: Sequence[float] | Array) -> bool:
         """Whether the straight joint-space path from one configuration to another is free."""
         start, end = np.asarray(start_rad, dtype=float), np.asarray(end_rad, dtype=float)
         delta = end - start
         return self.is_free(end) and self.blocked_at(lambda share: start + share * delta, abs(delta)) is None
 
-    def blocked_at(self, path: Callable[[float], _Vector], travel_rad: _Vector) -> float | None:
+    def blocked_at(self, path: Callable[[float], Array], travel_rad: Array) -> float | None:
         """Where a path is in collision or nearer than the padding, as a share of it from 0 to 1; None if it is free.
 
         It is one such place, not necessarily the first. travel_rad: upper bound of each joint's travel (6,), its
@@ -159,3 +160,34 @@ def _pair_distance(names: tuple[str, str], result: Any) -> PairDistance:
     return PairDistance(
         *names, float(result.min_distance), (float(x), float(y), float(z)), (float(u), float(v), float(w))
     )
+
+
+def blocking_reason(checker: CollisionChecker, trajectory: Trajectory, q_rad: Sequence[float]) -> str:
+    """What blocks the rest of a trajectory; "" if nothing does.
+
+    q_rad: the arm's configuration (6,). The check covers the motion from there to the nearest point of the trajectory,
+    and from that point to the end.
+    """
+    configurations = trajectory.q.tolist()
+    before = list(q_rad)
+    nearest = min(range(len(configurations)), key=lambda i: dist(configurations[i], before))
+    for q in configurations[nearest:]:
+        if not checker.path_is_free(before, q):
+            near = checker.collisions(q)
+            return f"the scene has changed, and the path is blocked{f': {near[0]}' if near else ''}"
+        before = q
+    return ""
+
+
+def free_share(checker: CollisionChecker, q_rad: Sequence[float], qd_rad_s: Sequence[float], ahead_s: float) -> float:
+    """The share of the joint speeds (6,) at which an arm meets nothing for the next ``ahead_s``, from 0 to 1.
+
+    An arm that is in collision already may move slowly if that takes it out.
+    """
+    q = np.asarray(q_rad, dtype=float)
+    way = ahead_s * np.asarray(qd_rad_s, dtype=float)
+    for share in _SPEED_SHARES:
+        if checker.path_is_free(q, q + share * way):
+            return share
+    leaves = not checker.is_free(q) and checker.clearance(q + _SPEED_SHARES[-1] * way) > checker.clearance(q)
+    return _SPEED_SHARES[-1] if leaves else 0.0

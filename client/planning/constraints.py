@@ -116,11 +116,9 @@ class ConstrainedChecker(CollisionChecker):
         return self.constraints.violation(self._pose(q_rad)) or super().violation(q_rad)
 
     def satisfies_constraints(self, q_rad: Sequence[float] | Array) -> bool:
-        """Whether the TCP satisfies the constraints."""
         return not self.excess(q_rad).any()
 
     def excess(self, q_rad: Sequence[float] | Array) -> Array:
-        """See `PathConstraints.excess`."""
         return self.constraints.excess(self._pose(q_rad))
 
     def _pose(self, q_rad: Sequence[float] | Array) -> Pose:

@@ -61,11 +61,9 @@ class StraightLine:
         self.turn_rad = float(np.linalg.norm(self._turn))
 
     def pose(self, share: float) -> Pose:
-        """See `ToolPath`."""
         return interpolate_pose(self._start, self._goal, share)
 
     def motion(self, share: float) -> tuple[Array, Array]:
-        """See `ToolPath`."""
         return np.concatenate((self._displacement, self._turn)), np.zeros(6)
 
 
@@ -84,13 +82,11 @@ class Arc:
         self.turn_rad = self._orientation.turn_rad
 
     def pose(self, share: float) -> Pose:
-        """See `ToolPath`."""
         angle = self._angle * share
         x, y, z = self._center + np.cos(angle) * self._out + np.sin(angle) * self._across
         return (float(x), float(y), float(z), *self._orientation.pose(share)[3:])
 
     def motion(self, share: float) -> tuple[Array, Array]:
-        """See `ToolPath`."""
         angle = self._angle * share
         velocity, acceleration = self._orientation.motion(share)
         velocity[:3] = self._angle * (np.cos(angle) * self._across - np.sin(angle) * self._out)
@@ -165,7 +161,6 @@ class CartesianInterpolator:
         self._flange = pose_inv(self._tcp)
 
     def pose(self, q_rad: Sequence[float]) -> Pose:
-        """The pose of the TCP."""
         return self._kinematics.forward(q_rad, self._tcp)
 
     def interpolate(self, tool_path: ToolPath, start_rad: Joints, step_m: float = STEP_M) -> Interpolation:

@@ -37,8 +37,7 @@ from client.planning.lines import COLUMNS
 from client.planning.parameterisation import Array, Limits, Trajectory, parameterise
 from client.planning.path import RoundedPath, rounded_corner
 from client.planning.scene import PlanningScene
-from client.planning.search import search_joint_space
-from client.planning.task_space import TaskSpaceSearch
+from client.planning.search import TaskSpaceSearch, search_joint_space
 from client.quantities import checked
 from urproto.robots import Joints, RobotModel
 from urproto.text import quoted, unknown
@@ -89,7 +88,6 @@ class Plan:
 
     @property
     def duration_s(self) -> float:
-        """Duration of the motion."""
         return self.trajectory.duration_s
 
     def check_start(self, q_rad: Sequence[float]) -> None:
@@ -202,7 +200,7 @@ class Planner:
         return Plan(
             trajectory,
             (start, *(q for waypoints in corners for q in waypoints)),
-            _planner_names(items),
+            ", ".join(dict.fromkeys(item.planner for item in items)),
             found_s - began_s - shortcutting_s,
             shortcutting_s,
             time.perf_counter() - found_s,
@@ -266,7 +264,6 @@ class Planner:
             )
 
     def _constrained(self, constraints: PathConstraints) -> "Planner":
-        """The same planner with path constraints."""
         other = copy(self)
         other.checker = ConstrainedChecker(self.scene, constraints)
         return other
@@ -410,8 +407,3 @@ def _interpolated(path: Sequence[Array], ends: Array, i: int, distance: float) -
     share = (distance - float(ends[i])) / float(ends[i + 1] - ends[i])
     at: Array = path[i] + share * (path[i + 1] - path[i])
     return at
-
-
-def _planner_names(items: Sequence[MotionSequenceItem]) -> str:
-    """The planners of a sequence, each once."""
-    return ", ".join(dict.fromkeys(item.planner for item in items))

@@ -133,7 +133,6 @@ class PlanningScene:
 
     @property
     def objects(self) -> Mapping[str, SceneObject]:
-        """The objects by name."""
         return self._objects
 
     def add(self, name: str, shape: Shape, pose: Sequence[float] = ZERO6) -> None:
@@ -168,11 +167,9 @@ class PlanningScene:
         self._add_object(name, SceneObject(obj.shape, pose_trans(self.kinematics.forward(q_rad), obj.pose)))
 
     def move(self, name: str, pose: Sequence[float]) -> None:
-        """Give an object another pose."""
         self._add_object(name, replace(self._find(name), pose=_pose(name, pose)))
 
     def remove(self, name: str) -> None:
-        """Remove an object."""
         self._find(name)
         del self._objects[name]
         self._allowed = {pair for pair in self._allowed if name not in pair}

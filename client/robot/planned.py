@@ -118,7 +118,7 @@ class PlannedMotion:
         reason.
         """
         from client.planning import CollisionChecker
-        from client.planning.monitoring import blocking_reason
+        from client.planning.collisions import blocking_reason
 
         executing = asyncio.ensure_future(self.execute(plan))
         try:

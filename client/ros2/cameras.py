@@ -29,7 +29,7 @@ from client.cameras.messages import (
     ros_name,
 )
 from client.ros2.frames import set_transform
-from client.ros2.host import LATCHED, NodeHost, interface, stamp
+from client.ros2.host import LATCHED, HostedNode, NodeHost, interface, stamp
 from urproto.cameras import CameraDescription
 from urproto.robots.pose import rotvec_to_quaternion
 
@@ -49,8 +49,8 @@ class _Topics:
     depth_info: Publisher
 
 
-class CameraNode:
-    """Publishes cameras; the node spins from its creation. rate_hz: of each camera. prefix: for frames.
+class CameraNode(HostedNode):
+    """Publishes cameras. rate_hz: of each camera. prefix: for frames.
 
     Stamps are the time at which an image was taken. robot_time: the robot's time [s], and this machine's at that moment
     [ns since 1970]; None if images are stamped with the time of their arrival.
@@ -65,10 +65,9 @@ class CameraNode:
         prefix: str = "",
         robot_time: Callable[[], tuple[float, int]] | None = None,
     ) -> None:
-        self._host = host
+        super().__init__(host, "cameras")
         self._prefix = prefix
         self._robot_time = robot_time
-        self.node = host.node("cameras")
         self._topics = {camera: _publishers(self.node, ros_name(camera)) for camera in cameras}
         fixed = [frame for camera in cameras for frame in fixed_frames(camera, prefix)]
         self._static = self.node.create_publisher(interface(_FRAMES), "/tf_static", LATCHED)
@@ -86,9 +85,8 @@ class CameraNode:
         self._follower.__enter__()
 
     def close(self) -> None:
-        """End the node."""
         self._follower.close()
-        self._host.close(self.node)
+        super().close()
 
     def _required_images(self) -> Iterator[tuple[CameraDescription, str]]:
         """The fewest images that cover all subscriptions; colours and depth are of the same moment."""

@@ -79,7 +79,6 @@ class ControllerFacts:
 
     @classmethod
     def of(cls, controller: Controller[Any]) -> Self:
-        """The facts of a controller."""
         joints = tuple(getattr(controller, "joints", ()))
         return cls(controller.name, type(controller), controller.parameters, joints, controller.active)
 

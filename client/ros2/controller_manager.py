@@ -5,6 +5,7 @@ messages Lyrical has too; fields that a distribution's messages do not have are 
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,19 +29,12 @@ _STATES: Final = {
 _PRIMARY: Final = {number: state for state, number in _STATES.items()}
 _BASE: Final = "controller_interface::ControllerInterface"
 _ACTIVITY_S: Final = 0.1  # interval at which changes are checked; guess
-_TYPES: Final = (
-    ("list_controllers", "ListControllers"),
-    ("list_controller_types", "ListControllerTypes"),
-    ("load_controller", "LoadController"),
-    ("configure_controller", "ConfigureController"),
-    ("switch_controller", "SwitchController"),
-    ("unload_controller", "UnloadController"),
-    ("cleanup_controller", "CleanupController"),
-    ("reload_controller_libraries", "ReloadControllerLibraries"),
-    ("list_hardware_components", "ListHardwareComponents"),
-    ("list_hardware_interfaces", "ListHardwareInterfaces"),
-    ("set_hardware_component_state", "SetHardwareComponentState"),
+_SERVICES: Final = (  # each with the type of the same name
+    *("list_controllers", "list_controller_types", "load_controller", "switch_controller"),
+    *("reload_controller_libraries", "list_hardware_components", "list_hardware_interfaces"),
+    "set_hardware_component_state",
 )
+_BY_NAME: Final = ("configure_controller", "cleanup_controller", "unload_controller")
 
 
 class ControllerManagerNode:
@@ -56,9 +50,12 @@ class ControllerManagerNode:
             automatically_declare_parameters_from_overrides=True,
         )
         self._declare()
-        for name, type_name in _TYPES:
+        handlers = {name: getattr(self, name) for name in _SERVICES}
+        handlers |= {name: partial(self._handle_by_name, name) for name in _BY_NAME}
+        for name, handler in handlers.items():
+            type_name = name.title().replace("_", "")
             if (kind := interface_if_any(f"controller_manager_msgs/srv/{type_name}")) is not None:
-                self.node.create_service(kind, f"~/{name}", getattr(self, name))
+                self.node.create_service(kind, f"~/{name}", handler)
         Diagnostics(host, self.node, facts)
         self._activity: Any = None
         self._last_activity: Any = None
@@ -91,7 +88,6 @@ class ControllerManagerNode:
         return response
 
     def list_controller_types(self, request: Any, response: Any) -> Any:
-        """List the types that can be loaded."""
         response.types = sorted(CONTROLLER_TYPES)
         response.base_classes = [_BASE] * len(response.types)
         return response
@@ -128,19 +124,8 @@ class ControllerManagerNode:
         value = self.node.get_parameter(name).value if self.node.has_parameter(name) else None
         return [value] if isinstance(value, str) and value else list(value or ())
 
-    def configure_controller(self, request: Any, response: Any) -> Any:
-        """Configure an unconfigured controller, or an inactive one once more; it is then inactive."""
-        return self._try_request("configure_controller", request, response)
-
-    def cleanup_controller(self, request: Any, response: Any) -> Any:
-        """Take a controller from inactive to unconfigured."""
-        return self._try_request("cleanup_controller", request, response)
-
-    def unload_controller(self, request: Any, response: Any) -> Any:
-        """Unload a controller, and end its node."""
-        return self._try_request("unload_controller", request, response)
-
-    def _try_request(self, operation: str, request: Any, response: Any) -> Any:
+    def _handle_by_name(self, operation: str, request: Any, response: Any) -> Any:
+        """Configure, clean up or unload the controller that a request names."""
         return self._try(operation, response, lambda: self._request(operation, name=request.name))
 
     def reload_controller_libraries(self, request: Any, response: Any) -> Any:
@@ -192,7 +177,6 @@ class ControllerManagerNode:
         return response
 
     def list_hardware_interfaces(self, request: Any, response: Any) -> Any:
-        """List the interfaces of the arm."""
         response.command_interfaces, response.state_interfaces = self._interfaces()
         return response
 

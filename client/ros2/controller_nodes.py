@@ -12,9 +12,17 @@ from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
 from client.ros2.control_side import SIDE, ControllerFacts, ControlSide, RobotFacts
-from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, in_thread, interface_if_any
+from client.ros2.host import (
+    LATCHED,
+    SYSTEM_DEFAULT,
+    HostedNode,
+    NodeHost,
+    RefusalLog,
+    RemoteController,
+    in_thread,
+    interface_if_any,
+)
 from client.ros2.publishing import Outbox, publisher
-from client.ros2.refusals import RefusalLog
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, CommandContext, Subscription
 from client.ros2.transforms import Transforms
 
@@ -53,13 +61,12 @@ class ControllerNodes:
                 _logger.exception("the node of %s could not follow it", controller.name)
 
     def close_all(self) -> None:
-        """Close all nodes."""
         while self._nodes:
             _, node = self._nodes.popitem()
             node.close()
 
 
-class ControllerNode:
+class ControllerNode(HostedNode):
     """One controller as a node of the same name."""
 
     def __init__(
@@ -70,9 +77,8 @@ class ControllerNode:
         transforms: Transforms,
         controller: RemoteController,
     ) -> None:
-        self._host = host
+        super().__init__(host, controller.name)
         self._outbox = outbox
-        self.node: Node = host.node(controller.name)
         parameters.declare(
             self.node,
             controller.parameters,
@@ -90,10 +96,9 @@ class ControllerNode:
         serve_actions(host, self.node, controller, transforms)
 
     def close(self) -> None:
-        """End the node; not from its own thread."""
         for key in self._keys:
             self._outbox.remove(key)
-        self._host.close(self.node)
+        super().close()
 
 
 class _Listener:

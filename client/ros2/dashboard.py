@@ -23,7 +23,7 @@ from client.dashboard import BlockingDashboardClient, Operation
 from client.driver import DriverConfig
 from client.errors import ClientError, ConnectionLostError, FileError, RobotUnreachableError
 from client.robotapi import BlockingRobotAPIClient
-from client.ros2.host import NodeHost, interface_if_any
+from client.ros2.host import HostedNode, NodeHost, interface_if_any
 from urproto.dashboard import ProgramState
 from urproto.durable import write_file
 from urproto.errors import RemoteProtocolError, RobotRefused, URError
@@ -257,8 +257,8 @@ ROBOT_API_SERVICES: Final = (
 )
 
 
-class DashboardNode:
-    """The node; it spins from its creation until `close`.
+class DashboardNode(HostedNode):
+    """The node.
 
     Services are executed one at a time: the next one waits until the effect of the first shows. They are offered even
     without a robot. If the robot has closed the connection, the next service reopens it. After ``quit``, or without the
@@ -266,10 +266,9 @@ class DashboardNode:
     """
 
     def __init__(self, host: NodeHost, config: DriverConfig) -> None:
-        self.node = host.node(NAME)
-        fixed = ParameterDescriptor(read_only=True)
-        self._address = self.node.declare_parameter("robot_ip", config.host, fixed).value
-        self._autoconnect = self.node.declare_parameter("autoconnect", True, fixed).value
+        super().__init__(host, NAME)
+        self._address = self._fixed("robot_ip", config.host)
+        self._autoconnect = self._fixed("autoconnect", True)
         limits = ParameterDescriptor(
             description="time limit for an answer of the dashboard [s]; 0: none",
             floating_point_range=[FloatingPointRange(from_value=0.0, to_value=1e9)],
@@ -277,7 +276,6 @@ class DashboardNode:
         self.node.declare_parameter("receive_timeout", _RECEIVE_TIMEOUT_S, limits)
         self._port = config.robot_ports["dashboard"]
         self._robot_api_port = config.robot_ports.get("robot api")
-        self._host = host
         self._client: BlockingDashboardClient | None = None
         self._ended = threading.Event()
         self.node.create_service(Trigger, "~/connect", self._connect)
@@ -292,7 +290,7 @@ class DashboardNode:
         self._ended.set()
         if (client := self._client) is not None:
             client.shut_down()
-        self._host.close(self.node)
+        super().close()
         self._disconnect()
 
     def _offer(self, name: str, type_name: str, perform: _Perform) -> None:

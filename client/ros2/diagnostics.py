@@ -65,7 +65,6 @@ class Diagnostics:
         return _status("Hardware Components Activity", level, text, [(f"{self._facts.component}.state", component)])
 
     def _cycle(self, times_s: Sequence[float]) -> DiagnosticStatus:
-        """Status of the control cycle."""
         wanted_hz = self._facts.update_rate_hz
         rates_hz = [1.0 / (after - before) for before, after in pairwise(times_s) if after > before] or [0.0]
         average_hz, deviation_hz = statistics.fmean(rates_hz), statistics.pstdev(rates_hz)

@@ -20,16 +20,15 @@ from client.controllers.running import RunningManager
 from client.errors import Ros2Error
 from client.gripper import GripperClient
 from client.ros2.cameras import CameraNode
-from client.ros2.control_side import RUNNING, SIDE, ControllerFacts, ControlSide, RobotFacts
+from client.ros2.control_side import RUNNING, SIDE, ControlSide, RobotFacts
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.dashboard import DashboardNode
 from client.ros2.gripper import GripperNode
 from client.ros2.host import NodeHost, RemoteController, in_thread
 from client.ros2.options import DriverOptions
-from client.ros2.publishing import ClockPublisher, Outbox
+from client.ros2.publishing import ClockPublisher, Outbox, RobotStatePublisher
 from client.ros2.state_helper import StateHelperNode
-from client.ros2.state_publisher import RobotStatePublisher
 from client.ros2.topics import PublishingContext
 from client.ros2.trajectory_until import TrajectoryUntilNode
 from client.ros2.transforms import Transforms
@@ -96,7 +95,7 @@ class Ros2Driver:
         transforms = Transforms(host, scene)
         controllers = ControllerNodes(host, facts, outbox, transforms)
         opening.push_async_callback(in_thread, controllers.close_all)
-        for controller in sorted(facts.controllers, key=_is_inactive):
+        for controller in sorted(facts.controllers, key=lambda one: not one.active):  # nodes of active ones come first
             await in_thread(controllers.open, controller)
         changes = asyncio.ensure_future(controllers.follow_changes())
         opening.callback(changes.cancel)
@@ -141,11 +140,6 @@ class Ros2Driver:
         cameras = await asyncio.to_thread(client.chosen, options.cameras)
         robot_time = partial(host.do, ControlSide.robot_time, SIDE)
         await self._open(opening, CameraNode, host, client, cameras, options.camera_hz, options.tf_prefix, robot_time)
-
-
-def _is_inactive(controller: ControllerFacts) -> bool:
-    """Whether a controller is not active from the beginning: the nodes of those that are come first."""
-    return not controller.active
 
 
 def can_plan() -> bool:

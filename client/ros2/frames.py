@@ -22,7 +22,6 @@ class Frames:
 
     @property
     def names(self) -> set[str]:
-        """Names of all frames, including the root."""
         return {*self._frames, *(frame.parent for frame in self._frames.values())}
 
     def fixed(self, sec: int, nanosec: int) -> list[TransformStamped]:

@@ -16,10 +16,11 @@ import socket
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Coroutine, Hashable, Sequence
+from collections.abc import Callable, Coroutine, Hashable, Sequence
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -33,6 +34,7 @@ from client.controllers.controller import Controller
 from client.errors import ControllerError, Ros2Error
 from client.ros2.control_side import CLOCK, SIDE, ControllerFacts, ControlSide
 from client.ros2.remote_calls import Caller, Reference
+from urproto.log_throttle import LogThrottle
 
 Result = TypeVar("Result")
 
@@ -46,6 +48,7 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Late subscribers get the last message."""
+_QUIET_S: Final = 1.0  # before the same reason is logged again; guess
 
 
 def interface(name: str) -> Any:
@@ -210,9 +213,9 @@ class NodeHost:
         """Call a function in the control loop, between two cycles; return its result or raise its error."""
         return self._begin(function, args, kwargs).result()
 
-    def wait(self, work: Awaitable[Result]) -> Result:
+    def wait(self, work: Coroutine[Any, Any, Result]) -> Result:
         """Wait for a coroutine that runs in the event loop of this process."""
-        return asyncio.run_coroutine_threadsafe(_awaited(work), self.loop).result()
+        return asyncio.run_coroutine_threadsafe(work, self.loop).result()
 
     # in the event loop
 
@@ -237,7 +240,9 @@ class NodeHost:
         """A future that a coroutine of this node can await, and whose result any thread may set."""
         executor, _ = self._spinning[node]
         future = Future(executor=executor)
-        future.add_done_callback(_nothing)  # calling it wakes the executor, which setting the result alone does not
+        future.add_done_callback(
+            lambda _: None
+        )  # calling it wakes the executor, which setting the result alone does not
         return future
 
     def task(self, node: Node, work: Coroutine[Any, Any, Any]) -> Any:
@@ -263,6 +268,22 @@ class NodeHost:
         return ended
 
 
+class HostedNode:
+    """A node of a host, which a subclass lets spin at the end of its construction, until `close`."""
+
+    def __init__(self, host: NodeHost, name: str) -> None:
+        self._host = host
+        self.node: Node = host.node(name)
+
+    def close(self) -> None:
+        """End the node, and what it has begun; not from its own thread."""
+        self._host.close(self.node)
+
+    def _fixed(self, name: str, value: Any) -> Any:
+        """The value of a parameter that can only be given at the start."""
+        return self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True)).value
+
+
 class RemoteController:
     """A loaded controller, which belongs to the control loop; see `ControllerFacts`."""
 
@@ -275,7 +296,6 @@ class RemoteController:
         self.reference = Reference((facts.name,))
 
     def do(self, method: Callable[..., Any], *args: Any) -> Any:
-        """Call one of its methods."""
         return self._host.do(method, self.reference, *args)
 
     def request(self, method: Callable[..., Any], *args: Any, **kwargs: Any) -> None:
@@ -283,15 +303,24 @@ class RemoteController:
         self._host.do(ControlSide.answer, SIDE, method, self.reference, *args, **kwargs)
 
     def error(self, reason: str) -> ControllerError:
-        """Create an error of this controller."""
         return ControllerError(self.name, reason)
 
 
-async def _awaited(work: Awaitable[Result]) -> Result:
-    return await work
+class RefusalLog:
+    """The refusals of one topic. node: whose log it is. topic: its name."""
 
+    def __init__(self, node: Node, topic: str) -> None:
+        self._node = node
+        self._topic = topic.removeprefix("~/")
+        self._reason = ""
+        self._throttle = LogThrottle(time.monotonic, _QUIET_S)
 
-def _nothing(_: object) -> None: ...
+    def add(self, reason: str) -> None:
+        """Log the reason of a refusal, unless that has just been done."""
+        if reason != self._reason:
+            self._reason, self._throttle = reason, LogThrottle(time.monotonic, _QUIET_S)
+        if (more := self._throttle.due()) is not None:
+            self._node.get_logger().error(f"{self._topic}: message refused: {reason}{more}")
 
 
 def stamp(message: Any, time_ns: int) -> None:

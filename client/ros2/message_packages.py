@@ -130,7 +130,6 @@ def ensure(progress: Progress | None = None, cache: Path | None = None) -> Messa
 
 
 def missing() -> tuple[str, ...]:
-    """The packages of `PACKAGES` that cannot be imported."""
     return tuple(name for name in PACKAGES if not _importable(name))
 
 
@@ -140,7 +139,6 @@ def _importable(name: str) -> bool:
 
 
 def default_cache() -> Path:
-    """Default folder for the packages that `ensure` builds."""
     if named := os.environ.get(CACHE_VARIABLE):
         return Path(named).expanduser().absolute()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ur-client" / "ros2"

@@ -40,7 +40,6 @@ class OneGoalAction:
         )
 
     def reject(self, why: str) -> None:
-        """Log why a goal is rejected."""
         self._node.get_logger().error(f"{self._name}: goal rejected: {why}")
 
     async def _accept(self, request: Any) -> GoalResponse:

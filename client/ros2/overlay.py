@@ -88,7 +88,6 @@ def write_overlay(messages: MessagePackages, folder: Path | None = None) -> Path
 
 
 def _marker(package: str) -> str:
-    """The file by which ament finds a package."""
     return f"share/ament_index/resource_index/packages/{package}"
 
 

@@ -7,11 +7,15 @@ from typing import Any, Final
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from std_msgs.msg import String
 
 from client.errors import ClientError
 from client.ros2.control_side import CLOCK, SIDE, ControlSide
-from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, RemoteController, interface, stamp
-from client.ros2.topics import Publication, PublishingContext
+from client.ros2.frames import Frames
+from client.ros2.host import LATCHED, SYSTEM_DEFAULT, HostedNode, NodeHost, RemoteController, interface, stamp
+from client.ros2.topics import MOVING_FRAMES, Publication, PublishingContext
+from urproto.robots import RobotModel
+from urproto.robots.description import urdf
 
 _CLOCK: Final = "rosgraph_msgs/msg/Clock"
 _POLL_S: Final = 0.05  # interval at which subscribers are counted, which costs 2 us per topic
@@ -27,7 +31,6 @@ class Outbox:
         self._polling = host.loop.create_task(self._poll())
 
     def close(self) -> None:
-        """Stop publishing."""
         self._polling.cancel()
 
     def add(self, controller: RemoteController, publisher: Publisher, row: Publication) -> Hashable:
@@ -42,7 +45,6 @@ class Outbox:
         return key
 
     def remove(self, key: Hashable) -> None:
-        """Stop publishing a topic."""
         self._channels.pop(key, None)
         self._host.unlisten(key)
 
@@ -93,20 +95,18 @@ class _Channel:
             self._publisher.publish(self._message)
 
 
-class ClockPublisher:
+class ClockPublisher(HostedNode):
     """Publishes the time of ROS as ``/clock`` with each batch of messages, for ``use_sim_time`` of other nodes."""
 
     def __init__(self, host: NodeHost) -> None:
-        self._host = host
-        self.node = host.node("robot_clock")
+        super().__init__(host, "robot_clock")
         self._publisher = self.node.create_publisher(interface(_CLOCK), "/clock", SYSTEM_DEFAULT)
         host.listen(CLOCK, self._publish)
         host.spin(self.node)
 
     def close(self) -> None:
-        """End the node."""
         self._host.unlisten(CLOCK)
-        self._host.close(self.node)
+        super().close()
 
     def _publish(self, time_s: float) -> None:
         message = interface(_CLOCK)()
@@ -114,7 +114,34 @@ class ClockPublisher:
         self._publisher.publish(message)
 
 
+class RobotStatePublisher(HostedNode):
+    """Publishes a model's description and frames."""
+
+    def __init__(
+        self, host: NodeHost, outbox: Outbox, model: RobotModel, states: RemoteController, prefix: str = ""
+    ) -> None:
+        super().__init__(host, "robot_state_publisher")
+        self._outbox = outbox
+        description = urdf(model, prefix=prefix)
+        self.node.declare_parameter("robot_description", description)
+        self.node.declare_parameter("frame_prefix", "")
+        self.node.declare_parameter("publish_frequency", 20.0)
+        self._description = self.node.create_publisher(String, "robot_description", LATCHED)
+        self._description.publish(String(data=description))
+        frames = Frames(model, prefix)
+        sec, nanosec = divmod(host.now_ns(), 1_000_000_000)
+        message = interface("tf2_msgs/msg/TFMessage")(transforms=frames.fixed(sec, nanosec))
+        self._static = self.node.create_publisher(type(message), "/tf_static", LATCHED)
+        self._static.publish(message)
+        outbox.scene.frames = frames
+        self._key = outbox.add(states, publisher(self.node, MOVING_FRAMES), MOVING_FRAMES)
+        host.spin(self.node)
+
+    def close(self) -> None:
+        self._outbox.remove(self._key)
+        super().close()
+
+
 def publisher(node: Node, row: Publication) -> Publisher:
-    """Create the publisher for a row of the table of topics."""
     quality = LATCHED if row.latched else SYSTEM_DEFAULT if row.depth == 1 else QoSProfile(depth=row.depth)
     return node.create_publisher(interface(row.type), row.name, quality)

@@ -126,7 +126,6 @@ class Caller:
             return
 
     def close(self) -> None:
-        """Close the connection once the other process has ended."""
         self._thread.join()
         self._link.close()
 

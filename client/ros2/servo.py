@@ -24,13 +24,12 @@ from client.controllers.servo import (
 )
 from client.errors import ClientError
 from client.planning import CollisionChecker
-from client.planning.monitoring import free_share
+from client.planning.collisions import free_share
 from client.ros2 import parameters
 from client.ros2.control_side import SERVO, SERVO_STATUS
-from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
+from client.ros2.host import LATCHED, HostedNode, NodeHost, RefusalLog, interface, interface_if_any
 from client.ros2.move_group.monitor import Monitor
 from client.ros2.move_group.scene import SceneState
-from client.ros2.refusals import RefusalLog
 from client.ros2.transforms import Transforms, pose_in
 from urproto.robots.pose import axes_of
 
@@ -44,11 +43,11 @@ _TOPICS: Final = (
 )
 
 
-class ServoNode:
-    """The node; it spins from its construction until `close`. monitor: knows the scene."""
+class ServoNode(HostedNode):
+    """The node; when it is closed, the arm comes to rest as no more commands follow. monitor: knows the scene."""
 
     def __init__(self, host: NodeHost, monitor: Monitor, transforms: Transforms) -> None:
-        self._host = host
+        super().__init__(host, NAME)
         self._monitor = monitor
         self._transforms = transforms
         self._tool = f"{monitor.arm.prefix}tool0"
@@ -56,7 +55,7 @@ class ServoNode:
         self._chosen: CommandType | None = None
         self._checked_ns = 0
         self._checker: tuple[SceneState, CollisionChecker] | None = None
-        self.node = node = host.node(NAME)
+        node = self.node
         parameters.declare(node, self._parameters, self._configure, owner=NAME, prefix=_GROUP)
         for topic, kind, command in _TOPICS:
             node.create_subscription(interface(kind), topic, self._listener(topic, command), _DEPTH)
@@ -75,9 +74,8 @@ class ServoNode:
         host.spin(node)
 
     def close(self) -> None:
-        """Shut the node down; the arm comes to rest as no more commands follow."""
         self._host.unlisten(SERVO_STATUS)
-        self._host.close(self.node)
+        super().close()
 
     # in the node's thread
 

@@ -3,20 +3,19 @@
 import asyncio
 from typing import Any, Final
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from client.driver import DriverConfig
 from client.ros2.control_side import FEED, SIDE, ControlSide
-from client.ros2.host import NodeHost, interface
+from client.ros2.host import HostedNode, NodeHost, interface
 from client.ros2.mode_setter import ModeRequest, Modes
 from urproto.errors import URError
 
 NAME: Final = "ur_robot_state_helper"
 
 
-class StateHelperNode:
-    """The node; it spins from its creation until `close`.
+class StateHelperNode(HostedNode):
+    """The node; a goal in execution is abandoned when it is closed.
 
     Goals are executed one after the other and cannot be cancelled. With ``headless_mode``, ``play_program`` sends the
     control program; without it, it plays the program that is loaded on the pendant. A goal is rejected while the robot
@@ -24,12 +23,10 @@ class StateHelperNode:
     """
 
     def __init__(self, host: NodeHost, config: DriverConfig) -> None:
-        self.node = host.node(NAME)
-        fixed = ParameterDescriptor(read_only=True)
-        self._headless = self.node.declare_parameter("headless_mode", config.headless, fixed).value
-        self._address = self.node.declare_parameter("robot_ip", config.host, fixed).value
+        super().__init__(host, NAME)
+        self._headless = self._fixed("headless_mode", config.headless)
+        self._address = self._fixed("robot_ip", config.host)
         self._type = interface("ur_dashboard_msgs/action/SetMode")
-        self._host = host
         self._one_at_a_time = asyncio.Lock()
         self._server = ActionServer(
             self.node,
@@ -40,10 +37,6 @@ class StateHelperNode:
             cancel_callback=lambda handle: CancelResponse.REJECT,
         )
         host.spin(self.node)
-
-    def close(self) -> None:
-        """End the node; a goal in execution is abandoned."""
-        self._host.close(self.node)
 
     # in the node's thread
 

@@ -284,10 +284,6 @@ def _unsigned(value: float) -> int:
 # subscriptions
 
 
-def _commands(message: Any, now: CommandContext) -> Sequence[float]:
-    return tuple(message.data)
-
-
 def trajectory(message: Any, now: CommandContext) -> JointTrajectory:
     """Convert a trajectory. Its stamp is in this machine's time, like all times in ROS; 0 means immediately."""
     stamp = message.header.stamp
@@ -308,14 +304,6 @@ def _point(message: Any) -> JointTrajectoryPoint:
 def seconds(duration: Any) -> float:
     """The length of a builtin_interfaces/Duration [s]."""
     return float(duration.sec + duration.nanosec * 1e-9)
-
-
-def _factor(message: Any, now: CommandContext) -> float:
-    return float(message.factor)
-
-
-def _enable(message: Any, now: CommandContext) -> bool:
-    return bool(message.data)
 
 
 MOVING_FRAMES: Final = Publication(
@@ -370,7 +358,7 @@ SUBSCRIPTIONS: Final = (
         JointTrajectoryController,
         "~/speed_scaling_input",
         "control_msgs/msg/SpeedScalingFactor",
-        _factor,
+        lambda message, now: float(message.factor),
         JointTrajectoryController.set_scaling,
         latched=True,
     ),
@@ -378,14 +366,14 @@ SUBSCRIPTIONS: Final = (
         ForwardCommandController,
         "~/commands",
         "std_msgs/msg/Float64MultiArray",
-        _commands,
+        lambda message, now: tuple(message.data),
         ForwardCommandController.command,
     ),
     Subscription(
         FreedriveModeController,
         "~/enable_freedrive_mode",
         "std_msgs/msg/Bool",
-        _enable,
+        lambda message, now: bool(message.data),
         FreedriveModeController.enable_freedrive_mode,
     ),
 )

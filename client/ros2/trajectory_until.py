@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from action_msgs.msg import GoalStatus
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionClient
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from client.ros2.host import NodeHost, interface
+from client.ros2.host import HostedNode, NodeHost, interface
 from client.ros2.one_goal import OneGoalAction
 
 NAME: Final = "trajectory_until_node"
@@ -25,15 +24,16 @@ _WATCH: Final = "tool_contact_controller/detect_tool_contact"
 _ENDS: Final = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "canceled"}
 
 
-class TrajectoryUntilNode:
-    """The node; it spins from its creation until `close`. It executes one goal at a time and rejects others.
+class TrajectoryUntilNode(HostedNode):
+    """The node; it executes one goal at a time and rejects others.
+
+    When it is closed, the controllers continue the actions that it has begun.
 
     controller: whose ``follow_joint_trajectory`` is used, unless the parameter ``motion_controller_uri`` names another.
     """
 
     def __init__(self, host: NodeHost, controller: str) -> None:
-        self.node = host.node(NAME)
-        self._host = host
+        super().__init__(host, NAME)
         self._goals: _RunningGoals | None = None  # while a goal is being executed
         self._group = ReentrantCallbackGroup()  # an answer comes while a callback of the server awaits it
         default = f"{controller}/follow_joint_trajectory"
@@ -50,12 +50,8 @@ class TrajectoryUntilNode:
         self._type = self._action.type
         host.spin(self.node)
 
-    def close(self) -> None:
-        """End the node; the controllers continue the actions that it has begun."""
-        self._host.close(self.node)
-
     def _client(self, parameter: str, default: str, type_: Any) -> "_Client":
-        uri = str(self.node.declare_parameter(parameter, default, ParameterDescriptor(read_only=True)).value)
+        uri = str(self._fixed(parameter, default))
         return _Client(uri, type_, ActionClient(self.node, type_, uri, callback_group=self._group))
 
     # in the node's thread
@@ -187,12 +183,10 @@ class _RunningGoals:
         self.goal: Any = None
 
     def end(self, _: object) -> None:
-        """Note that one of them has ended."""
         if not self.ended.done():
             self.ended.set_result(None)
 
     def cancel(self) -> None:
-        """Cancel the goals that have not ended."""
         for handle in (self.contact, self.motion):
             if handle.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_UNKNOWN):
                 handle.cancel_goal_async()

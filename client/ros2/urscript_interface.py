@@ -6,7 +6,6 @@ A program (``def``) replaces the control program, as on any robot; start the con
 import math
 from typing import Any, Final
 
-from rcl_interfaces.msg import ParameterDescriptor
 from std_msgs.msg import String
 
 from client.driver import DriverConfig
@@ -14,7 +13,7 @@ from client.driver.link import RobotLink
 from client.errors import ScriptFailedError
 from client.primary import STOP_PROGRAM, PrimaryClient
 from client.ros2.control_side import LINK
-from client.ros2.host import NodeHost
+from client.ros2.host import HostedNode, NodeHost
 from client.ros2.one_goal import OneGoalAction
 from client.scripts import FATAL_LEVELS, is_secondary
 from urproto.errors import LocalProtocolError, URError
@@ -24,8 +23,8 @@ NAME: Final = "urscript_interface"
 _WITH_WARNINGS: Final = (ReportLevel.WARNING, *FATAL_LEVELS)
 
 
-class URScriptNode:
-    """The node; it spins from its creation until `close`.
+class URScriptNode(HostedNode):
+    """The node; a program that it has sent keeps running when it is closed.
 
     ``~/script_command`` sends a script, ``~/execute_script`` also waits for its end. The action executes one goal at a
     time, and the topic is ignored meanwhile. Cancelling stops the program. The end of a secondary program (``sec``)
@@ -33,10 +32,9 @@ class URScriptNode:
     """
 
     def __init__(self, host: NodeHost, config: DriverConfig) -> None:
-        self.node = host.node(NAME)
-        self._address = self.node.declare_parameter("robot_ip", config.host, ParameterDescriptor(read_only=True)).value
+        super().__init__(host, NAME)
+        self._address = self._fixed("robot_ip", config.host)
         self._port = config.robot_ports["primary"]
-        self._host = host
         self._cancelled = False
         self._primary: PrimaryClient | None = None  # the connection that executes a goal
         self.node.create_subscription(String, "~/script_command", self._send, 1)
@@ -50,10 +48,6 @@ class URScriptNode:
         )
         self._type = self._action.type
         host.spin(self.node)
-
-    def close(self) -> None:
-        """End the node; a program that it has sent keeps running."""
-        self._host.close(self.node)
 
     # in the node's thread
 

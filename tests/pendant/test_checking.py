@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from client.pendant.checking import check, check_forever
-from client.pendant.draft import Draft
+from client.pendant.draft import Draft, check, check_forever
 from client.programs import CheckerError, ScriptProblem, read_problems
 from emulator import script_cli as cli
 from urproto.compat_asyncio import timeout

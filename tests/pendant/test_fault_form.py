@@ -2,8 +2,7 @@
 
 import pytest
 
-from client.pendant.fault_form import FaultField, FaultKind, fault_arguments, fault_kinds
-from client.pendant.screens.simulation_faults import SUBJECTS
+from client.pendant.screens.simulation_faults import SUBJECTS, FaultField, FaultKind, fault_arguments, fault_kinds
 from emulator.faults.catalogue import kinds, make_fault
 from tests.rows import each_row
 

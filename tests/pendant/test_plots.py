@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from client.pendant.feeds import Feed
-from client.pendant.plots import Plots
-from client.pendant.series import PRESETS, catalogue, series
+from client.pendant.plots import PRESETS, Plots, catalogue, series
 from client.recording.tables import read_csv
 from tests.rows import each_row
 from urproto.rtde.fields import OUTPUT_FIELDS, available_fields

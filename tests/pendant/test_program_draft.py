@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from client.pendant.program_draft import ProgramDraft
-from client.pendant.program_file import ProgramFile, SavedDraft
 from client.pendant.program_view import palette
+from client.pendant.saved import ProgramFile, SavedDraft
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion

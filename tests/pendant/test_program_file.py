@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from client.errors import FileError
-from client.pendant.program_file import ProgramFile, SavedDraft
+from client.pendant.saved import ProgramFile, SavedDraft
 from tests.rows import each_row
 
 DRAFT = SavedDraft("cell/job.urp", True, b"\x1f\x8b\x00<URProgram/>")

@@ -8,7 +8,7 @@ import pytest
 
 from client.pendant import program_playback as playback
 from client.pendant.program_draft import ProgramDraft
-from client.pendant.program_file import ProgramFile
+from client.pendant.saved import ProgramFile
 from emulator.machine import ControllerConfig
 from emulator.virtual import VirtualRobot
 from tests.rows import each_row

@@ -10,11 +10,18 @@ import pytest
 
 from client.errors import FileError
 from client.pendant.events import EventLog
-from client.pendant.mounting import apply_gravity, apply_payload, apply_tcp, tilt_of
-from client.pendant.outputs import analog_range, set_analog, set_digital
 from client.pendant.page import NotAcceptedError
 from client.pendant.saved import Tools
 from client.pendant.screens.io_registers import Bank, to_word
+from client.pendant.settings import (
+    analog_range,
+    apply_gravity,
+    apply_payload,
+    apply_tcp,
+    set_analog,
+    set_digital,
+    tilt_of,
+)
 from tests.rows import each_row
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain

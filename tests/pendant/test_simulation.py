@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from client.pendant.screens.simulation_arm import read_document
-from client.pendant.screens.simulation_scene import _surroundings
-from client.pendant.screens.simulation_world import object_description
+from client.pendant.screens.simulation_world import _surroundings, object_description
 from emulator.world.file import read_object
 
 

@@ -24,7 +24,7 @@ from client.planning import (
     StartInCollisionError,
 )
 from client.planning.constraints import ConstrainedChecker
-from client.planning.task_space import TaskSpaceSearch
+from client.planning.search import TaskSpaceSearch
 from urproto.robots import Kinematics, load_model
 from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_matrix
 

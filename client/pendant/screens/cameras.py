@@ -13,7 +13,6 @@ _NO_CAMERAS: Final = "This robot has no cameras. An emulator has those of its sc
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     with ui.element("div").classes("cameras"), page.panel("Cameras", "cameras-panel"):
         with ui.row().classes("cameras-tools"):
             choice = ui.select({}, label="Camera").props("outlined dense options-dense data-testid=camera")
@@ -23,7 +22,7 @@ def build(page: Page) -> None:
         page.live.text(
             lambda station: station.cameras.view_description(view.name) if view.name else "", "cameras-description"
         ).props("data-testid=camera-view")
-        page.live.text(_absence_text).props("data-testid=camera-absent")
+        page.live.text(lambda s: "" if s.cameras.available else _NO_CAMERAS).props("data-testid=camera-absent")
     page.live.effect(_available_cameras, view.set_cameras)
     page.live.on_show.append(view.on_screen_change)
 
@@ -31,10 +30,6 @@ def build(page: Page) -> None:
 def _available_cameras(station: Station) -> Any:
     """Names and sizes of the cameras, without their poses, which may change constantly."""
     return tuple((camera.name, camera.width, camera.height) for camera in station.cameras.available)
-
-
-def _absence_text(station: Station) -> str:
-    return "" if station.cameras.available else _NO_CAMERAS
 
 
 class _View:
@@ -56,7 +51,6 @@ class _View:
         return str(self._choice.value) if self._choice.value in self._cameras else ""
 
     def set_cameras(self, cameras: Any) -> None:
-        """Set the list of cameras."""
         self._cameras = {name: (width, height) for name, width, height in cameras}
         previous = self._choice.value
         value = previous if previous in self._cameras else next(iter(self._cameras), None)
@@ -65,7 +59,6 @@ class _View:
             self._show()
 
     def on_screen_change(self, screen: str) -> None:
-        """Another screen has become visible."""
         if self._visible is not (screen == _NAME):
             self._visible = screen == _NAME
             if screen:

@@ -23,7 +23,6 @@ _ACTIONS: Final = {  # state -> possible actions: title, icon, request
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     with ui.element("div").classes("controllers"):
         _List(page)
         _Sliders(page)

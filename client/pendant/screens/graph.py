@@ -6,8 +6,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.pendant.page import Page
-from client.pendant.plots import MAX_PANES, RATES_HZ, WINDOWS_S, Pane, Plots
-from client.pendant.series import PRESETS, Series, catalogue
+from client.pendant.plots import MAX_PANES, PRESETS, RATES_HZ, WINDOWS_S, Pane, Plots, Series, catalogue
 from client.pendant.station import Station
 
 _COLUMNS: Final[list[dict[str, Any]]] = [
@@ -79,7 +78,6 @@ class SignalPicker:
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     screen = _Graph(page)
     page.live.on_show.append(screen.on_screen_change)
     page.on_close.append(lambda: screen.plots.hide(closing=True))
@@ -102,7 +100,6 @@ class _Graph:
         page.live.stream(root, "samples", self.plots.next_update)
 
     def on_screen_change(self, screen: str) -> None:
-        """The screen has become visible or hidden."""
         if screen == "graph":
             self.plots.show()
         else:

@@ -7,7 +7,7 @@ from nicegui import ui
 
 from client import dashboard
 from client.dashboard_commands import Operation
-from client.pendant.events import report_text
+from client.pendant.events import report_level, report_text
 from client.pendant.page import Page
 from client.pendant.readings import UNKNOWN, ReadText, board_text, field_text, field_value, mode_text
 from client.pendant.screens.payload import payload_form
@@ -69,7 +69,7 @@ def stop_cause(station: Station) -> str:
 
 
 def _last_serious_error(station: Station) -> ErrorCodeMessage | None:
-    serious = (error for error in reversed(station.core.errors) if error.level % 128 >= ReportLevel.VIOLATION)
+    serious = (error for error in reversed(station.core.errors) if report_level(error) >= ReportLevel.VIOLATION)
     return next(serious, None)
 
 
@@ -77,7 +77,6 @@ def _last_serious_error(station: Station) -> ErrorCodeMessage | None:
 
 
 def recovery_text(station: Station) -> str:
-    """The text of the recovery button."""
     recovery_action, wait_s = station.situation.recovery_action, ceil(station.stops.unlock_in_s)
     if recovery_action is Action.UNLOCK and wait_s:
         return f"Unlock in {wait_s} s"
@@ -266,7 +265,6 @@ def _uptime_text(station: Station) -> str:
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     with ui.element("div").classes("initialize"):
         _power_panel(page)
         safety_panel(page)
@@ -297,11 +295,12 @@ def _stage_box(page: Page, number: int, name: str) -> None:
     with ui.element("div").classes("init-stage") as box:
         ui.element("span").classes("init-stage-dot")
         ui.label(name).classes("init-stage-name")
-    page.live.bind(box, "state", lambda station: _stage_state(station.situation.stage, number))
 
+    def state(station: Station) -> str:
+        current = station.situation.stage
+        return "now" if number == current else "done" if number < current else "next"
 
-def _stage_state(current: int, number: int) -> str:
-    return "now" if number == current else "done" if number < current else "next"
+    page.live.bind(box, "state", state)
 
 
 def _power_button(page: Page, text: str, icon: str, operation: Operation[None], test_id: str, action: Action) -> None:

@@ -6,10 +6,10 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.driver.script_sender import SENDER_PORT
-from client.pendant.mounting import apply_gravity, tilt_of
 from client.pendant.page import Page, Views
 from client.pendant.screens import installation_arm, installation_settings, installation_tcp
 from client.pendant.screens.payload import active_payload, payload_form
+from client.pendant.settings import apply_gravity, tilt_of
 from client.pendant.station import Station
 from urscript.polyscope.installation_file import gravity_of
 
@@ -153,7 +153,6 @@ def _show_instructions(page: Page) -> None:
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     titles = {"settings": "Settings", "file": "File", "arm": "Robot"}
     with ui.column().classes("io"), Views(page, "installation", titles) as views:
         with views.view("settings", "installation-tool"):

@@ -25,7 +25,6 @@ _HEADERS: Final = ("Joint", "From", "To", "Speed", "Acceleration")
 
 
 def build(page: Page, views: Views) -> None:
-    """Add the view to the page."""
     with page.panel("Robot", "installation-panel"), ui.element("div").classes("facts"):
         page.fact("Model", lambda s: s.model.title if s.model else "-")
         page.fact("Serial number", _query(page, views, dashboard.SERIAL_NUMBER, str)).props("data-testid=serial")

@@ -20,7 +20,6 @@ def can_be_saved(station: Station) -> bool:
 
 
 def build(page: Page, views: Views) -> None:
-    """Add the view to the page."""
     with page.panel("Installation file", "installation-panel") as panel:
         _Form(page, views)
     with page.panel("Installation file", "installation-panel") as real:

@@ -6,21 +6,17 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.errors import FileError
-from client.pendant.mounting import active_tcp, apply_tcp, same_tcp
 from client.pendant.page import Page
+from client.pendant.readings import entered_pose, rotation_names, shown_pose
+from client.pendant.settings import active_tcp, apply_tcp, same_tcp
 from client.pendant.station import Station
-from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
+from urproto.robots.pose import Pose
 
-_DEG: Final = 57.29577951308232
 _MM: Final = 1000.0
-_VECTOR: Final = "vector"
-_RPY: Final = "rpy"
-_NAMES: Final = {_VECTOR: ("RX", "RY", "RZ"), _RPY: ("Roll", "Pitch", "Yaw")}
 _FLANGE: Final = "Flange"  # the predefined TCP
 
 
 def build(page: Page) -> None:
-    """Add the panel to the page."""
     with page.panel("Tool centre point", "tcp-panel"):
         _Editor(page)
 
@@ -28,16 +24,17 @@ def build(page: Page) -> None:
 class _Editor:
     def __init__(self, page: Page) -> None:
         self._page = page
-        self._rotation_format = _VECTOR
+        self._as_rpy = False
         self._active_tcp()
         ui.separator()
         with ui.row().classes("tcp-head"):
             self._name = ui.input("Name").props("dense outlined data-testid=tcp-name").classes("tcp-name")
-            ui.toggle({_VECTOR: "Rotation vector [rad]", _RPY: "RPY [°]"}, value=_VECTOR).props(
+            ui.toggle({False: "Rotation vector [rad]", True: "RPY [°]"}, value=False).props(
                 "dense no-caps unelevated data-testid=tcp-form"
             ).on_value_change(lambda change: self._change_form(change.value))
         with ui.element("div").classes("six"):
-            self._boxes = [_number(f"tcp-{index}") for index in range(6)]
+            props = "dense outlined hide-bottom-space data-testid=tcp-"
+            self._boxes = [ui.number(value=0.0).props(f"{props}{index}") for index in range(6)]
         self._label_boxes()
         with ui.row().classes("tcp-buttons"):
             self._page.needs_robot(ui.button("Use it", on_click=lambda: self._apply(self._entered))).props(
@@ -71,27 +68,22 @@ class _Editor:
         values = [box.value for box in self._boxes]
         if any(value is None for value in values):
             raise ValueError("a TCP has six numbers: fill in all of them")
-        x, y, z = (value / _MM for value in values[:3])
-        a, b, c = values[3:]
-        return (x, y, z, *(rpy_to_rotvec(a / _DEG, b / _DEG, c / _DEG) if self._rotation_format == _RPY else (a, b, c)))
+        return entered_pose(values, self._as_rpy)
 
     def _show(self, tcp: Sequence[float]) -> None:
-        rotation: Sequence[float] = tcp[3:]
-        if self._rotation_format == _RPY:
-            rotation = [_DEG * angle for angle in rotvec_to_rpy(*tcp[3:])]
-        for box, value in zip(self._boxes, (*(_MM * value for value in tcp[:3]), *rotation), strict=True):
+        for box, value in zip(self._boxes, shown_pose(tcp, self._as_rpy), strict=True):
             box.set_value(round(value, 6) + 0.0)
 
     def _label_boxes(self) -> None:
-        for box, name in zip(self._boxes, ("X [mm]", "Y [mm]", "Z [mm]", *_NAMES[self._rotation_format]), strict=True):
+        for box, name in zip(self._boxes, ("X [mm]", "Y [mm]", "Z [mm]", *rotation_names(self._as_rpy)), strict=True):
             box.props(f'label="{name}"')
 
-    def _change_form(self, rotation_format: str) -> None:
+    def _change_form(self, as_rpy: bool) -> None:
         try:
             entered = self._entered()
         except ValueError:
             entered = None
-        self._rotation_format = rotation_format
+        self._as_rpy = as_rpy
         self._label_boxes()
         if entered is not None:
             self._show(entered)
@@ -141,10 +133,6 @@ class _Editor:
     def _edit(self, name: str, tcp: Sequence[float]) -> None:
         self._name.set_value("" if name == _FLANGE else name)
         self._show(tcp)
-
-
-def _number(test_id: str) -> ui.number:
-    return ui.number(value=0.0).props(f"dense outlined hide-bottom-space data-testid={test_id}")
 
 
 def _element_text(index: int) -> Callable[[Station], str]:

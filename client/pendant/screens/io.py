@@ -8,10 +8,10 @@ from typing import Final
 
 from nicegui import ui
 
-from client.pendant.outputs import Range, analog_range, set_analog, set_digital
 from client.pendant.page import Page, Views, bind_choice
 from client.pendant.readings import UNKNOWN, board_text, field_text, mode_text
 from client.pendant.screens import io_registers
+from client.pendant.settings import Range, analog_range, set_analog, set_digital
 from client.pendant.station import Station
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolMode, ToolOutputMode
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
@@ -54,15 +54,12 @@ class AnalogSignal:
         return station.values.get(self.field)
 
     def domain(self, station: Station) -> AnalogDomain:
-        """Whether it is a current or a voltage."""
         return AnalogDomain(int(station.values.get(self.domains, 0)) >> self.bit & 1)
 
     def range(self, station: Station) -> Range:
-        """Its range on the screen."""
         return analog_range(self.domain(station))
 
     def ratio(self, station: Station) -> float:
-        """The value as a share of the range."""
         value, signal_range = self.value(station), self.range(station)
         if value is None:
             return 0.0
@@ -70,7 +67,6 @@ class AnalogSignal:
         return min(max(share, 0.0), 1.0)
 
     def text(self, station: Station) -> str:
-        """The value with its unit."""
         value, signal_range = self.value(station), self.range(station)
         return UNKNOWN if value is None else f"{value * signal_range.factor:.3f} {signal_range.unit}"
 
@@ -88,7 +84,6 @@ _ANALOG_OUTPUTS: Final = (
 
 
 def build_tool(page: Page) -> None:
-    """The panel of the tool."""
     with page.panel("Tool", "tool-panel") as panel:
         simulated(page, panel)
         with ui.row().classes("tool-wires"):
@@ -107,7 +102,6 @@ def build_tool(page: Page) -> None:
 
 
 def build_supply(page: Page) -> None:
-    """Voltages and currents of the control box and the arm."""
     with page.panel("Supply", "power-panel"), ui.element("div").classes("supply-facts"):
         page.fact("Main", field_text("actual_main_voltage", "{:.1f} V"))
         page.fact("Arm", field_text("actual_robot_voltage", "{:.1f} V"))
@@ -166,7 +160,6 @@ def _serial_line_text(station: Station) -> str:
 
 
 def build_digital(page: Page) -> None:
-    """The digital signals of the control box."""
     with page.panel("Digital inputs", "wire-panel") as panel:
         simulated(page, panel)
         for group in (STANDARD, CONFIGURABLE):
@@ -294,7 +287,6 @@ def _slider(page: Page, signal: AnalogSignal, set_value: Callable[[float], Await
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     titles = {"signals": "Robot", "registers": "Registers", "modbus": "Modbus"}
     with ui.column().classes("io"), Views(page, "io", titles) as views:
         with views.view("signals", "io-signals"):

@@ -24,7 +24,6 @@ _UPPER: Final = "clients"  # the half reserved for RTDE clients
 
 
 def build_modbus(page: Page, views: Views) -> None:
-    """The view of the Modbus registers."""
     registers = page.station.general_registers
     format_ = ["unsigned"]
 
@@ -81,12 +80,10 @@ class Bank:
 
     @property
     def first(self) -> int:
-        """Index of the first register."""
         return 0 if self.half == _LOWER else _BITS if self.kind == "bit" else CELLS
 
     @property
     def count(self) -> int:
-        """Number of registers."""
         return _BITS if self.kind == "bit" else CELLS
 
     def fields(self, direction: str) -> tuple[str, ...]:
@@ -105,7 +102,6 @@ class Bank:
         return "".join("-" if bit is None else str(int(bit)) for bit in bits)
 
     def texts(self, direction: str, values: Mapping[str, Any]) -> list[str]:
-        """The text of each number."""
         found = [values.get(field) for field in self.fields(direction)]
         return ["-" if value is None else f"{value:.6g}" if self.kind == "double" else str(value) for value in found]
 
@@ -150,7 +146,6 @@ class _Registers:
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """The newest state of these registers."""
         return {} if self.feed is None else self.feed.values
 
     async def edit(self, index: int) -> None:
@@ -173,7 +168,6 @@ class _Registers:
 
 
 def build(page: Page, views: Views) -> None:
-    """The view of the RTDE registers."""
     registers = _Registers(page, views)
     with ui.row().classes("register-choice"):
         kinds = {"bit": "Boolean", "int": "Integer", "double": "Double"}

@@ -17,7 +17,6 @@ _HEADERS: Final = ("Time", "Uptime [s]", "", "Source", "Code", "Text")
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     view = LogView(page.station.log)
     with page.panel("Log", "log-panel"):
         with ui.row().classes("log-tools"):

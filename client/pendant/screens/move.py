@@ -12,7 +12,6 @@ from client.pendant.station import Station
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     settings = MoveSettings(page)
     jog = JogPanels(page, settings)
     planned = PlannedMove(page, settings)
@@ -62,7 +61,7 @@ def _stop_button(page: Page) -> None:
 
     button = page.needs_robot(ui.button("Stop", icon="back_hand", color=None, on_click=page.handler(stop)))
     button.classes("move-stop").props("unelevated no-caps data-testid=stop-moving")
-    page.live.bind(button, "state", lambda station: "moving" if _is_moving(station) else "rest")
+    page.live.bind(button, "state", _stop_state)
 
 
 def _status_line(page: Page) -> None:
@@ -70,18 +69,10 @@ def _status_line(page: Page) -> None:
     with ui.element("div").classes("move-status"):
         chip = page.live.text(lambda station: station.mover.activity, "chip move-activity")
         chip.props("data-testid=activity")
-        page.live.bind(chip, "state", _activity_state)
-        slowed = page.live.text(_status_text, "move-slowed")
+        page.live.bind(chip, "state", lambda station: "on" if station.mover.activity else "off")
+        slowed = page.live.text(lambda s: s.mover.slowed or s.situation.refusal(Action.MOVE), "move-slowed")
         slowed.props("data-testid=slowed")
 
 
-def _is_moving(station: Station) -> bool:
-    return bool(station.mover.activity) or station.situation.permits(Action.PAUSE)
-
-
-def _status_text(station: Station) -> str:
-    return station.mover.slowed or station.situation.refusal(Action.MOVE)
-
-
-def _activity_state(station: Station) -> str:
-    return "on" if station.mover.activity else "off"
+def _stop_state(station: Station) -> str:
+    return "moving" if station.mover.activity or station.situation.permits(Action.PAUSE) else "rest"

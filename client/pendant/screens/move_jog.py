@@ -13,11 +13,12 @@ from client.errors import MotionStoppedError
 from client.pendant.jogging import Velocity
 from client.pendant.mover import STALE_S
 from client.pendant.page import EXPECTED_ERRORS, Page
+from client.pendant.readings import UNKNOWN, shown_pose
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints
-from urproto.robots.pose import rotvec_to_matrix, rotvec_to_rpy
+from urproto.robots.pose import rotvec_to_matrix
 from urproto.vectors import Matrix3
 
 FEATURES: Final = {"base": "Base", "tool": "Tool", "view": "View"}
@@ -30,7 +31,6 @@ _AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _VIEW_AXES: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the axes of the feature View
 _NEAR_LIMIT_RAD: Final = 0.09  # rad from a limit: where a bar turns amber
 _MAX_SILENCE_S: Final = 3.0  # guess: longer than a browser under load is silent, shorter than a laptop sleeps
-_UNKNOWN: Final = "\N{EN DASH}"
 
 
 class MoveSettings:
@@ -76,12 +76,10 @@ class MoveSettings:
 
     @property
     def joint_speed(self) -> dict[str, float]:
-        """Options for move_j."""
         return {"speed_rad_s": self.speed * MAX_JOINT_SPEED, "acceleration_rad_s2": _JOINT_ACCELERATION}
 
     @property
     def line_speed(self) -> dict[str, float]:
-        """Options for move_l."""
         return {"speed_m_s": self.speed * MAX_LINE_SPEED, "acceleration_m_s2": _LINE_ACCELERATION}
 
     async def move(self, motion: Callable[[], Awaitable[None]]) -> None:
@@ -124,7 +122,6 @@ class JogPanels:
     # panels
 
     def tool(self) -> None:
-        """The panel of the TCP."""
         settings = self._settings
         with self._page.panel("TCP", "move-jog"):
             with ui.row().classes("move-choices"):
@@ -153,7 +150,6 @@ class JogPanels:
                     _hold_buttons(self._page, "joint", i, str(i), title)
 
     def speed_and_freedrive(self) -> None:
-        """The panel with the speed of motions and the freedrive buttons."""
         page, settings = self._page, self._settings
         with page.panel("Speed and freedrive"):
             with ui.row().classes("move-speed"):
@@ -192,12 +188,9 @@ class JogPanels:
     def _coordinate(self, axis: int, station: Station) -> str:
         pose = station.values.get("actual_TCP_pose")
         if pose is None:
-            return _UNKNOWN
-        if axis < 3:
-            return _format_number(1e3 * pose[axis], 2)
-        if self._settings.as_rpy:
-            return _format_number(degrees(rotvec_to_rpy(*pose[3:])[axis - 3]), 2)
-        return _format_number(pose[axis], 4)
+            return UNKNOWN
+        as_rpy = self._settings.as_rpy
+        return _format_number(shown_pose(pose, as_rpy)[axis], 2 if axis < 3 or as_rpy else 4)
 
     def _coordinate_unit(self, axis: int, _: Station) -> str:
         return "mm" if axis < 3 else "°" if self._settings.as_rpy else "rad"
@@ -314,7 +307,7 @@ def _format_number(value: float, digits: int) -> str:
 
 def _angle_text(joint: int, station: Station) -> str:
     q = station.values.get("actual_q")
-    return _UNKNOWN if q is None else _format_number(degrees(q[joint]), 2)
+    return UNKNOWN if q is None else _format_number(degrees(q[joint]), 2)
 
 
 def _limits(joint: int, station: Station) -> tuple[float, float]:

@@ -74,7 +74,6 @@ class PlannedMove:
         ui.run_javascript(f"pendant.plan({scene.id})")
 
     def panel(self) -> None:
-        """The status and the buttons."""
         live = self._page.live
         with ui.element("div").classes("plan-texts"):
             text = live.text(lambda station: self._status(station)[1], "plan-status")
@@ -281,7 +280,7 @@ class PlannedMove:
 
 
 def _blocking_reason(monitored: MonitoredScene, plan: "Plan", q_rad: Sequence[float]) -> str:
-    from client.planning.monitoring import blocking_reason
+    from client.planning.collisions import blocking_reason
 
     return blocking_reason(monitored.checker, plan.trajectory, q_rad)
 

@@ -1,6 +1,5 @@
 """Typed targets: joint angles in degrees, or a pose of the TCP in mm with its rotation."""
 
-from functools import partial
 from math import degrees, inf, isfinite, radians
 from typing import Final
 
@@ -8,6 +7,7 @@ from nicegui import ui
 
 from client.errors import FileError
 from client.pendant.page import Callback, Page
+from client.pendant.readings import entered_pose, rotation_names, shown_pose
 from client.pendant.saved import BUILT_IN
 from client.pendant.screens.move_jog import MoveSettings
 from client.pendant.situation import Action
@@ -15,7 +15,7 @@ from client.pendant.station import Station
 from urproto.errors import RobotRefused
 from urproto.joints import JOINT_TITLES
 from urproto.robots import Joints, RobotModel
-from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
+from urproto.robots.pose import Pose
 
 _ICONS: Final = {"Home": "home", "Zero": "exposure_zero"}
 _MAX_RANGE_DEG: Final = 360.0  # of a slider for a joint without limits
@@ -171,15 +171,11 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
     numbers = [fields[i] for i in range(6)]
 
     def show(pose: Pose) -> None:
-        x, y, z, *turn = pose
-        rotation = [degrees(angle) for angle in rotvec_to_rpy(*turn)] if settings.as_rpy else turn
-        for number, value in zip(numbers, [1e3 * x, 1e3 * y, 1e3 * z, *rotation], strict=True):
+        for number, value in zip(numbers, shown_pose(pose, settings.as_rpy), strict=True):
             number.set_value(round(value, 4))
 
     def read(as_rpy: bool) -> Pose:
-        x, y, z, *turn = map(_number, numbers)
-        rx, ry, rz = rpy_to_rotvec(*map(radians, turn)) if as_rpy else turn
-        return (x / 1e3, y / 1e3, z / 1e3, rx, ry, rz)
+        return entered_pose(list(map(_number, numbers)), as_rpy)
 
     async def move() -> None:
         pose, mover = read(settings.as_rpy), page.station.mover
@@ -190,7 +186,6 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
             await settings.move(lambda: mover.move_to_pose(pose, activity, **settings.joint_speed))
 
     def convert_rotation(as_rpy: bool) -> None:
-        """Convert the entered rotation to the other format."""
         if all(number.value is not None for number in numbers):
             show(read(not as_rpy))
 
@@ -218,14 +213,10 @@ def _pose_field(page: Page, settings: MoveSettings, i: int) -> ui.number:
         number = ui.number(value=0.0, format="%.2f", step=1)
         ui.label("mm").classes("jog-unit")
     else:
-        page.live.text(partial(_rotation_label, settings, i - 3), f"jog-name axis-{'xyz'[i - 3]}")
+        page.live.text(lambda _: rotation_names(settings.as_rpy)[i - 3], f"jog-name axis-{'xyz'[i - 3]}")
         number = ui.number(value=0.0, format="%.4f", step=0.01)
         page.live.text(lambda _: "°" if settings.as_rpy else "rad", "jog-unit")
     return number.props(f'dense outlined data-testid=target-pose-{i} aria-label="{name}"')
-
-
-def _rotation_label(settings: MoveSettings, axis: int, _: Station) -> str:
-    return (("Roll", "Pitch", "Yaw") if settings.as_rpy else ("RX", "RY", "RZ"))[axis]
 
 
 def _current_values(page: Page, name: str) -> Joints:

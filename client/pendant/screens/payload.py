@@ -5,8 +5,8 @@ from typing import Final
 
 from nicegui import ui
 
-from client.pendant.mounting import apply_payload
 from client.pendant.page import Page
+from client.pendant.settings import apply_payload
 from client.pendant.station import Station
 
 _MM: Final = 1e3

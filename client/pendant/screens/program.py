@@ -3,27 +3,32 @@
 import json
 from collections.abc import Awaitable, Callable
 from functools import partial
+from pathlib import PurePosixPath
 from typing import Any, Final
 
 from nicegui import ui
+from nicegui.elements.scene.scene_object3d import Object3D
 
 from client.pendant import program_playback as playback
+from client.pendant.arm_scene import arm_scene, camera_buttons
 from client.pendant.page import Callback, Page
 from client.pendant.program_draft import ProgramDraft, Selection
 from client.pendant.program_view import palette
-from client.pendant.screens.program_files import FileButtons
 from client.pendant.screens.program_form import NodeForm
-from client.pendant.screens.program_scene import program_scene
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.versions import PolyscopeVersion
 
 _DROP_PLACES: Final = ("before", "onto", "after")  # where a node is dropped relative to another one
 _BREAKPOINT: Final = "Breakpoint: the program pauses here (F9)"
+_NOT_SAVED: Final = "A robot saves no files for others: download the program"
+_WAYPOINT_RADIUS_M: Final = 0.012
+_WAYPOINT_COLOR: Final = "#e08a00"
+_SELECTED_COLOR: Final = "#2f7fb8"
+_MAX_WAYPOINTS: Final = 300  # drawn waypoints; more would be unreadable
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     selection = Selection(page.station.program_draft)
     commands = Commands(page, selection)
     with ui.element("div").classes("program-screen"):
@@ -48,7 +53,7 @@ class Commands:
         self.page = page
         self._selection = selection
         self._draft: ProgramDraft = page.station.program_draft
-        self.save: Callable[[], Awaitable[object]] = _do_nothing
+        self._pick = page.picker(".urp", "program-file", self._open_uploaded, "a program")
 
     def handle(self, message: Any, form: NodeForm) -> None:
         """Run a command of the browser's tree: [name, id of a node]."""
@@ -59,8 +64,6 @@ class Commands:
             self._selection.choose(node)
         if name == "edit":
             form.focus()
-        elif name == "save":
-            self.page.run_in_background(self.save)
         elif (command := self.by_name.get(name)) is not None:
             self.page.run_in_background(command)
 
@@ -76,6 +79,7 @@ class Commands:
         """The commands by their names in static/screen_program.js."""
         draft, node = self._draft, self._selection.node
         return {
+            "save": self.save,
             "undo": draft.undo,
             "redo": draft.redo,
             "cut": self.cut,
@@ -89,11 +93,9 @@ class Commands:
         }
 
     def run(self, name: str) -> object:
-        """Run a command by its name."""
         return self.by_name[name]()
 
     def cut(self) -> None:
-        """Move the node to the clipboard of the station."""
         self._draft.copy(self._selection.node)
         self.delete()
 
@@ -105,7 +107,6 @@ class Commands:
         self._selection.choose(neighbour)
 
     async def breakpoint(self) -> None:
-        """Set or remove a breakpoint at the node."""
         self._draft.toggle_breakpoint(self._selection.node)
         await playback.send_breakpoints(self.page.station)
 
@@ -114,11 +115,9 @@ class Commands:
         await self._start_program(lambda: playback.play(self.page.station))
 
     async def play_from(self) -> None:
-        """Play from the selected node."""
         await self._start_program(lambda: playback.play(self.page.station, at=self._selection.node))
 
     async def step(self) -> None:
-        """Step to the next node."""
         await self._start_program(lambda: playback.step(self.page.station))
 
     async def _start_program(self, start: Callable[[], Awaitable[None]]) -> None:
@@ -130,13 +129,72 @@ class Commands:
         if await self.page.confirm_move():
             await start()
 
+    # files
 
-async def _do_nothing() -> None:
-    """A placeholder until the toolbar is built."""
+    async def _confirm_replacing(self) -> bool:
+        """Whether the program may be replaced; the user is asked if changes would be lost."""
+        draft = self._draft
+        if not draft.changed:
+            return True
+        text = f"The changes to {draft.title} are not saved, and everybody here sees this program."
+        return await self.page.confirm("Leave this program?", text, "Leave it")
+
+    async def new(self) -> None:
+        if await self._confirm_replacing():
+            self._draft.new()
+
+    async def open(self) -> None:
+        """Open a file of the programs folder, or of the browser's machine."""
+        page = self.page
+        if not await self._confirm_replacing():
+            return
+        if not playback.can_save_files(page.station):
+            self._pick()
+            return
+        names = [name for name in await page.station.programs.files(page.station) if name.endswith(playback.EXTENSION)]
+        choice = await page.choose(
+            "Open a program", names, "The programs folder has no .urp files.", "program-choice", "From this machine"
+        )
+        if choice:
+            await playback.open_file(page.station, choice)
+        elif choice == "":
+            self._pick()
+
+    def _open_uploaded(self, data: bytes, name: str) -> None:
+        self._draft.open(data, PurePosixPath(name).name)
+
+    async def save(self) -> None:
+        """Save under the present name, or under one that the user enters."""
+        if not self._draft.path:
+            await self.save_as()
+            return
+        await playback.save(self.page.station, self._draft.path)
+        self.page.show_message(f"{self._draft.path} is saved")
+
+    async def save_as(self) -> None:
+        page, draft = self.page, self._draft
+
+        def field() -> ui.input:
+            box = ui.input("Name", value=draft.path or "").props("autofocus outlined dense data-testid=program-name")
+            return box.props('suffix=".urp"' if not draft.path else "")
+
+        name = await page.request_value("Save the program as", field, "Save", "program-save-confirm")
+        if name is None:
+            return
+        path = playback.with_extension(name)
+        if path != draft.path and path in await page.station.programs.files(page.station):
+            text = f"{path} is there already."
+            if not await page.confirm("Replace the program?", text, "Replace it"):
+                return
+        await playback.save(page.station, path)
+        page.show_message(f"{path} is saved")
+
+    async def download(self) -> None:
+        name = PurePosixPath(self._draft.path or "unnamed.urp").name
+        ui.download(self._draft.data(), name)
 
 
 def _toolbar(page: Page, commands: Commands) -> None:
-    """The toolbar: files, editing, playing."""
     draft = page.station.program_draft
 
     def button(title: str, icon: str, command: Callback | None, test_id: str, hint: str = "") -> ui.button:
@@ -151,8 +209,15 @@ def _toolbar(page: Page, commands: Commands) -> None:
     with ui.card().classes("panel program-bar").props('role=toolbar aria-label="Program"'):
         title = page.live.text(lambda _: draft.title, "program-title").props("data-testid=program-title")
         page.live.bind(title, "state", lambda _: "changed" if draft.changed else "saved")
-        files = FileButtons(page, button)
-        commands.save = files.save
+        button("New", "note_add", page.handler(commands.new), "program-new")
+        button("Open", "folder_open", page.handler(commands.open), "program-open")
+        for save_button in (
+            button("Save", "save", page.handler(commands.save), "program-save"),
+            button("Save as", "save_as", page.handler(commands.save_as), "program-save-as"),
+        ):
+            page.live.effect(playback.can_save_files, save_button.set_enabled)
+            page.live.bind(save_button, "title", lambda s: "" if playback.can_save_files(s) else _NOT_SAVED)
+        button("Download", "download", page.handler(commands.download), "program-download")
         add_gap()
         undo = button("Undo", "undo", page.handler(draft.undo), "program-undo", "Undo (Ctrl+Z)")
         redo = button("Redo", "redo", page.handler(draft.redo), "program-redo", "Redo (Ctrl+Y)")
@@ -182,26 +247,17 @@ def _play_buttons(page: Page, commands: Commands, button: Callable[..., ui.butto
         new_button = button(text, icon, None, test_id)
         page.bind_button(Action.PLAY, command, new_button, text)
         if emulated:
-            page.live.effect(_can_step, new_button.set_enabled)
+            page.live.effect(
+                lambda s: playback.can_play_files(s) and s.situation.permits(Action.PLAY), new_button.set_enabled
+            )
             page.live.bind(new_button, "title", playback.stepping_refusal)
     breakpoint_button = button(
         "Breakpoint", "stop_circle", page.handler(commands.breakpoint), "program-breakpoint", _BREAKPOINT
     )
     page.live.effect(playback.can_play_files, breakpoint_button.set_enabled)
     page.live.bind(breakpoint_button, "title", playback.stepping_refusal)
-    page.live.text(_play_note, "program-reason").props("data-testid=program-reason")
-
-
-def _can_step(station: Station) -> bool:
-    return playback.can_play_files(station) and station.situation.permits(Action.PLAY)
-
-
-def _play_note(station: Station) -> str:
-    situation = station.situation
-    return (
-        playback.play_hint(station)
-        if situation.permits(Action.PLAY) or situation.permits(Action.PAUSE)
-        else situation.refusal(Action.PLAY)
+    page.live.text(lambda s: s.situation.play_refusal or playback.play_hint(s), "program-reason").props(
+        "data-testid=program-reason"
     )
 
 
@@ -254,3 +310,41 @@ def _running_numbers(station: Station) -> list[int]:
     if not threads or not playback.is_on_robot(station):
         return []
     return [thread.label_id for thread in threads if thread.label_id]
+
+
+def program_scene(page: Page, selection: Selection) -> None:
+    """Add the scene to the page. Lines between waypoints are straight, like those of MoveL."""
+    with ui.card().classes("panel program-scene").props("data-testid=program-scene"):
+        scene = arm_scene(page)
+        camera_buttons(page, scene)
+    spheres, lines = dict[str, Object3D](), list[Object3D]()
+
+    def draw(waypoints: tuple[tuple[str, tuple[float, ...]], ...]) -> None:
+        for drawn in (*spheres.values(), *lines):
+            drawn.delete()
+        spheres.clear()
+        lines.clear()
+        with scene:
+            previous: tuple[float, ...] | None = None
+            for node, position in waypoints[:_MAX_WAYPOINTS]:
+                x, y, z = position
+                spheres[node] = (
+                    scene.sphere(_WAYPOINT_RADIUS_M)
+                    .material(_WAYPOINT_COLOR)
+                    .move(x, y, z)
+                    .with_name(f"waypoint {node}")
+                )
+                if previous is not None:
+                    lines.append(scene.line(list(previous), list(position)).material(_WAYPOINT_COLOR))
+                previous = position
+        highlight(selection.node)
+
+    def highlight(selected: str) -> None:
+        for node, sphere in spheres.items():
+            color = _SELECTED_COLOR if node == selected else _WAYPOINT_COLOR
+            if sphere.color != color:
+                sphere.material(color)
+
+    draft = page.station.program_draft
+    page.live.effect(lambda _: draft.view.waypoints(), draw)
+    page.live.effect(lambda _: selection.node, highlight)

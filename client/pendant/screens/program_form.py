@@ -50,11 +50,9 @@ class NodeForm:
 
     @property
     def fields_id(self) -> int:
-        """Id of the element with the fields."""
         return self._fields.id
 
     def focus(self) -> None:
-        """Focus the first field."""
         ui.run_javascript(f"pendantProgram.edit({self.fields_id})")
 
     # fields
@@ -218,7 +216,6 @@ def _text(value: Any) -> str:
 
 
 def _position_text(value: Any) -> str:
-    """A taught position as text."""
     if not isinstance(value, Mapping) or not value.get("joints"):
         return "Not taught yet"
     return "Joints " + ", ".join(f"{degrees(angle):.1f}°" for angle in value["joints"])

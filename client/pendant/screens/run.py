@@ -10,7 +10,6 @@ from client import dashboard
 from client.pendant.page import Page
 from client.pendant.programs import ShownProgram
 from client.pendant.screens.run_editor import build_editor, replace_draft
-from client.pendant.situation import Action
 from client.pendant.station import Station
 from client.pendant.variables import VariablesView
 from urproto.modes import RuntimeState
@@ -77,7 +76,6 @@ def _marked_numbers(station: Station, tree: bool) -> list[int]:
 
 
 def _thread_positions(station: Station) -> str:
-    """The label that each thread is executing."""
     return "   ".join(f"{thread.name}: {thread.label}" for thread in station.programs.threads if thread.label)
 
 
@@ -100,7 +98,6 @@ async def _copy(page: Page, edit: Callable[[], object]) -> None:
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     with ui.element("div").classes("run-screen"):
         with ui.column().classes("run-left"):
             _control_panel(page)
@@ -124,7 +121,7 @@ def _control_panel(page: Page) -> None:
     with page.panel("Loaded program", "run-control"):
         page.live.text(_loaded_text, "run-loaded").props("data-testid=run-loaded")
         page.live.text(_run_time_text, "run-time").props("data-testid=run-time")
-        page.live.text(_play_refusal, "soft run-refusal").props("data-testid=run-refusal")
+        page.live.text(lambda s: s.situation.play_refusal, "soft run-refusal").props("data-testid=run-refusal")
         with ui.row().classes("run-load"):
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
             box.props('aria-label="Path of a program below the programs folder"')
@@ -138,7 +135,9 @@ def _control_panel(page: Page) -> None:
             )
         with ui.row().classes("run-state"):
             state = page.live.text(lambda s: s.situation.program, "chip run-chip")
-            page.live.bind(state.props("data-testid=run-state"), "state", _state_color)
+            page.live.bind(
+                state.props("data-testid=run-state"), "state", lambda s: _STATES.get(s.runtime_state, "wait")
+            )
             ui.space()
             page.program_buttons("", "run-")
 
@@ -167,16 +166,6 @@ def _loaded_text(station: Station) -> str:
     if not station.connected:
         return "–"
     return station.programs.loaded or "No program is loaded"
-
-
-def _state_color(station: Station) -> str:
-    return _STATES.get(station.runtime_state, "wait")
-
-
-def _play_refusal(station: Station) -> str:
-    """Why no program can be played, "" if one is running."""
-    situation = station.situation
-    return "" if situation.permits(Action.PLAY) or situation.permits(Action.PAUSE) else situation.refusal(Action.PLAY)
 
 
 def _run_time_text(station: Station) -> str:

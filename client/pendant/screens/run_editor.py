@@ -25,7 +25,6 @@ _MAX_SHOWN: Final = 50
 
 
 def build_editor(page: Page) -> None:
-    """Add the editor to the page."""
     draft = page.station.programs.draft
     author = page.live.page_id
     with ui.row().classes("program-head"):
@@ -91,8 +90,6 @@ async def _send(page: Page) -> None:
 
 
 def _open_button(page: Page) -> None:
-    """A button that opens a file of the browser's machine."""
-
     async def open_script(data: bytes, _: str) -> None:
         await replace_draft(page, readable(from_bytes(data)).removeprefix("\ufeff").replace("\r\n", "\n"))
 
@@ -128,7 +125,6 @@ def _mark_problems(editor: ui.codemirror, problems: Sequence[ScriptError]) -> No
 
 
 def _problem_row(editor: ui.codemirror, problem: ScriptError) -> None:
-    """A problem; a click on it shows its line."""
     with ui.element("button").classes(f"script-error {problem.severity}").props("type=button") as row:
         ui.icon(problem.severity)
         ui.label(f"Line {problem.line}, column {problem.column}: {problem.text}")

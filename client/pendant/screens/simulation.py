@@ -7,13 +7,11 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from client.pendant.fault_form import JOINTS
 from client.pendant.page import Page
 from client.pendant.screens import io
 from client.pendant.screens.simulation_arm import arm_tab
-from client.pendant.screens.simulation_faults import faults_tab
-from client.pendant.screens.simulation_scene import scene_panel
-from client.pendant.screens.simulation_world import world_tab
+from client.pendant.screens.simulation_faults import JOINTS, faults_tab
+from client.pendant.screens.simulation_world import scene_panel, world_tab
 from client.pendant.station import Station
 from urproto.signals import DIGITAL_GROUPS
 
@@ -42,7 +40,6 @@ def inputs_tab(page: Page) -> None:
 
 
 def safety_tab(page: Page) -> None:
-    """Add the tab to the page."""
     with ui.element("div").classes("sim-stack"):
         ui.label("Devices").classes("panel-title")
         with ui.element("div").classes("sim-devices"):
@@ -127,7 +124,6 @@ def _last_stop(station: Station) -> str:
 
 
 def connections_tab(page: Page) -> None:
-    """Add the tab to the page."""
     with ui.element("div").classes("sim-rows sim-connections").props("data-testid=connections") as rows:
         rows.props('tabindex=0 role=region aria-label="Connections"')
 
@@ -168,7 +164,11 @@ def time_panel(page: Page) -> None:
     with ui.card().classes("panel sim-time"):
         ui.icon("schedule").classes("sim-time-icon")
         live.text(_clock, "sim-clock").props("data-testid=sim-clock")
-        live.bind(live.text(_pace_text, "sim-pace").props("data-testid=sim-pace"), "state", _pace_state)
+        live.bind(
+            live.text(lambda s: s.emulator.pace or "real time", "sim-pace").props("data-testid=sim-pace"),
+            "state",
+            _pace_state,
+        )
         pause = ui.button("Pause", icon="pause", on_click=page.handler(lambda: emulator.change("pause_time")))
         pause.props("unelevated dense data-testid=time-pause").classes("sim-button")
         resume = ui.button("Resume", icon="play_arrow", on_click=page.handler(lambda: emulator.change("resume_time")))
@@ -217,10 +217,6 @@ def _current_speed(station: Station) -> float:
     return float(station.emulator.time.get("speed", 1.0))
 
 
-def _pace_text(station: Station) -> str:
-    return station.emulator.pace or "real time"
-
-
 def _pace_state(station: Station) -> str:
     return "paused" if _paused(station) else "real" if _current_speed(station) == 1.0 else "other"
 
@@ -243,7 +239,6 @@ _TABS: Final[tuple[tuple[str, str, Callable[[Page], None]], ...]] = (
 
 
 def build(page: Page) -> None:
-    """Add the screen to the page."""
     with ui.element("div").classes("simulation-absent") as absent_panel:
         page.live.text(_absence_reason).props("data-testid=simulation-absent")
     with ui.element("div").classes("simulation") as present_panel:

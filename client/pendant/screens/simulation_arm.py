@@ -19,7 +19,6 @@ _MAX_MB: Final = 4  # limit of the control API
 
 
 def arm_tab(page: Page) -> None:
-    """Add the tab to the page."""
     with ui.element("div").classes("sim-stack"):
         _pose_form(page)
         _payload_form(page)
@@ -34,7 +33,6 @@ def read_numbers(fields: Sequence[ui.number], subject: str) -> list[float]:
 
 
 def number_field(label: str, unit: str, test_id: str, value: float = 0.0, format_: str = "%.1f") -> ui.number:
-    """A field for a number with a unit."""
     field = ui.number(label, value=value, format=format_)
     return field.props(f'outlined dense hide-bottom-space suffix="{unit}" data-testid={test_id}').classes("number")
 

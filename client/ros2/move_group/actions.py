@@ -6,20 +6,63 @@ from typing import Any, Final
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
+from client.controllers.goals import GoalStatus
 from client.errors import ClientError, PlanningError
 from client.planning import CollisionChecker, Trajectory
-from client.planning.monitoring import blocking_reason
+from client.planning.collisions import blocking_reason
+from client.ros2.control_side import SIDE, ControlSide
 from client.ros2.host import NodeHost, interface
 from client.ros2.move_group.arm import RefusedError, set_code
-from client.ros2.move_group.execution import Execution
 from client.ros2.move_group.monitor import Monitor
-from client.ros2.move_group.plans import fill_sequence_response
 from client.ros2.move_group.requests import PlanResult, plan_motion, plan_motion_sequence
 from client.ros2.move_group.scene import SceneState
+from client.ros2.move_group.services import fill_sequence_response
+from client.ros2.topics import CommandContext, trajectory
 from urproto.robots import Joints
 
 _MAX_ATTEMPTS: Final = 10  # to replan when the path is blocked; guess
 _SUCCESS: Final = "SUCCESS", ""
+
+
+class Execution:
+    """Executes the trajectories of one robot; call it in the event loop only."""
+
+    def __init__(self, host: NodeHost) -> None:
+        self._host = host
+        self._following: asyncio.Future[Any] | None = None
+
+    async def follow(self, message: Any, names: Sequence[str] = ()) -> None:
+        """Execute a moveit_msgs/RobotTrajectory with the active trajectory controller, or with the one named.
+
+        Raises RefusedError: CONTROL_FAILED with the reason, or PREEMPTED when the motion was stopped.
+        """
+        if self._following is not None:
+            raise RefusedError("CONTROL_FAILED", "another trajectory is being executed: wait for its end, or stop it")
+        if message.multi_dof_joint_trajectory.points:
+            raise RefusedError("CONTROL_FAILED", "this arm has no joints with several degrees of freedom")
+        self._following = following = asyncio.ensure_future(self._follow(message.joint_trajectory, names))
+        try:
+            await asyncio.wait([following])
+            if following.cancelled():
+                raise RefusedError("PREEMPTED", "the motion was stopped")
+            controller, status, result = following.result()
+        except ClientError as error:
+            raise error if isinstance(error, RefusedError) else RefusedError("CONTROL_FAILED", str(error)) from None
+        finally:
+            following.cancel()
+            self._following = None
+        if status is GoalStatus.CANCELED:
+            raise RefusedError("PREEMPTED", "the motion was stopped")
+        if status is not GoalStatus.SUCCEEDED:
+            raise RefusedError("CONTROL_FAILED", f"{controller}: {result.error_code.name}: {result.error_string}")
+
+    def stop(self) -> None:
+        if self._following is not None:
+            self._following.cancel()
+
+    async def _follow(self, message: Any, names: Sequence[str]) -> Any:
+        given = await asyncio.to_thread(trajectory, message, CommandContext(self._host))
+        return await self._host.call(ControlSide.follow, SIDE, tuple(names), given)
 
 
 class _Action:
@@ -83,7 +126,6 @@ class _Action:
             raise RefusedError("PREEMPTED", "the goal was canceled before the arm moved")
 
     def _response_in(self, result: Any) -> Any:
-        """The part of a result that has the error code."""
         return result
 
     async def _work(self, handle: Any, result: Any) -> None:
@@ -148,7 +190,6 @@ class _PlanAndMove(_Action):
         raise NotImplementedError
 
     def _fill_result(self, result: Any, plan: PlanResult, *, executed: bool) -> None:
-        """Fill the result with what was planned or executed."""
         raise NotImplementedError
 
     async def _work(self, handle: Any, result: Any) -> None:
@@ -280,5 +321,4 @@ class SequenceAction(_PlanAndMove):
 
 
 def _name(handle: Any) -> bytes:
-    """The identifier of a goal."""
     return bytes(handle.goal_id.uuid)

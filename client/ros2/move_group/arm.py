@@ -18,7 +18,7 @@ from urproto.joints import JOINT_NAMES
 from urproto.robots import Joints, RobotModel, kinematics_of
 from urproto.robots.description import joint_frames
 from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec, rotvec_to_quaternion
-from urproto.vectors import ZERO6
+from urproto.vectors import ZERO6, as_six
 
 GROUP: Final = "ur_manipulator"
 """As in ur_moveit_config's SRDF; the same for any prefix of names."""
@@ -112,12 +112,7 @@ class Arm:
         if len(names) != len(positions) or not all(map(isfinite, positions)):
             raise RefusedError("INVALID_ROBOT_STATE", "a joint state must have one finite number for each of its names")
         given = dict(zip(self.joints, q_rad, strict=True)) | dict(zip(names, positions, strict=True))
-        return self.joints_of([given[name] for name in self.joints])
-
-    def joints_of(self, q_rad: Sequence[float]) -> Joints:
-        """As a tuple of six floats."""
-        a, b, c, d, e, f = map(float, q_rad)
-        return (a, b, c, d, e, f)
+        return as_six(given[name] for name in self.joints)
 
     def state_message(self, q_rad: Sequence[float]) -> Any:
         """A moveit_msgs/RobotState with all joints."""

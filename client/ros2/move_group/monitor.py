@@ -9,6 +9,7 @@ from client.ros2.host import NodeHost
 from client.ros2.move_group.arm import Arm, RefusedError
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
+from urproto.vectors import as_six
 
 
 class Monitor:
@@ -23,10 +24,9 @@ class Monitor:
     async def current_configuration(self) -> Joints:
         """The arm's current configuration. Raises RefusedError while the robot does not report it."""
         try:
-            a, b, c, d, e, f = await self._host.call(ControlSide.configuration, SIDE)
+            return as_six(await self._host.call(ControlSide.configuration, SIDE))
         except StaleStateError as error:
             raise RefusedError("ROBOT_STATE_STALE", f"the arm's configuration is unknown: {error}") from None
-        return (a, b, c, d, e, f)
 
     async def apply(self, message: Any) -> Joints:
         """Apply a message to the scene; returns the arm's configuration.
@@ -42,7 +42,6 @@ class Monitor:
         return q
 
     async def wait_for_change(self) -> None:
-        """Wait until the scene changes."""
         future = asyncio.get_running_loop().create_future()
         self._waiting.append(future)
         await future

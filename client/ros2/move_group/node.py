@@ -1,25 +1,32 @@
 """The node ``move_group``: topics that change and publish the scene, services, actions, and the arm's SRDF."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
 from typing import Any, Final
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 from client.errors import PlanningError
-from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
-from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction, SequenceAction
-from client.ros2.move_group.arm import RefusedError
-from client.ros2.move_group.drawing import MarkerPublisher
-from client.ros2.move_group.execution import Execution
+from client.planning import NAMED_CONFIGURATIONS
+from client.planning.markers import Marker, path_marker, scene_markers
+from client.ros2.host import LATCHED, HostedNode, NodeHost, interface, interface_if_any
+from client.ros2.move_group.actions import ExecuteTrajectoryAction, Execution, MoveAction, SequenceAction
+from client.ros2.move_group.arm import GROUP, Arm, RefusedError
 from client.ros2.move_group.monitor import Monitor
-from client.ros2.move_group.plans import PLANS
 from client.ros2.move_group.requests import PlanResult
-from client.ros2.move_group.services import SERVICES, PlanningService, RequestContext, answer_request, set_response_code
-from client.ros2.move_group.srdf import srdf
+from client.ros2.move_group.scene import SceneState
+from client.ros2.move_group.services import (
+    PLANS,
+    SERVICES,
+    PlanningService,
+    RequestContext,
+    answer_request,
+    set_response_code,
+)
 from urproto.robots.description import urdf
 
 NAME: Final = "move_group"
@@ -31,21 +38,22 @@ _CHANGING: Final = (
     ("attached_collision_object", "moveit_msgs/msg/AttachedCollisionObject"),
 )
 """Topics whose messages change the scene. Source: MoveIt's planning scene monitor."""
+_ARRAY: Final = "visualization_msgs/msg/MarkerArray"
+_DELETE_ALL: Final = 3  # visualization_msgs/Marker
 
 
-class MoveGroupNode:
-    """The node; it spins from its construction until `close`."""
+class MoveGroupNode(HostedNode):
+    """The node; a trajectory in progress is stopped when it is closed."""
 
     def __init__(self, host: NodeHost, monitor: Monitor) -> None:
-        self._host = host
-        self.node = node = host.node(NAME)
+        super().__init__(host, NAME)
+        node = self.node
         self._monitor = monitor
         self._arm = arm = monitor.arm
         self._execution = Execution(host)
         semantic = srdf(self._arm)
-        fixed = ParameterDescriptor(read_only=True)
-        node.declare_parameter("robot_description", urdf(arm.model, prefix=arm.prefix), fixed)
-        node.declare_parameter("robot_description_semantic", semantic, fixed)
+        self._fixed("robot_description", urdf(arm.model, prefix=arm.prefix))
+        self._fixed("robot_description_semantic", semantic)
         self._semantic = node.create_publisher(String, "robot_description_semantic", LATCHED)
         self._semantic.publish(String(data=semantic))
         self._scene = node.create_publisher(
@@ -71,10 +79,6 @@ class MoveGroupNode:
             SequenceAction(host, node, self._execution, self._monitor, self._publish_plan),
         )
         host.spin(node)
-
-    def close(self) -> None:
-        """Shut the node down; a trajectory in progress is stopped."""
-        self._host.close(self.node)
 
     # in the node's thread
 
@@ -146,17 +150,67 @@ class MoveGroupNode:
     # in the event loop
 
     async def _context(self) -> RequestContext:
-        """The context of a request."""
         q = await self._monitor.current_configuration()
         return RequestContext(self._arm, self._monitor.state, q)
 
     # anywhere
 
     def _publish_plan(self, plan: PlanResult) -> None:
-        """Publish a plan for RViz."""
         message = interface("moveit_msgs/msg/DisplayTrajectory")()
         message.model_id = self._arm.model.name
         message.trajectory_start = self._arm.state_message(plan.start_rad)
         message.trajectory = [self._arm.trajectory_message(plan.trajectory)]
         self._path.publish(message)
         self._markers.path(self._monitor.state, plan)
+
+
+class MarkerPublisher:
+    """Publishes ``~/scene_markers`` and ``~/path_markers``, latched."""
+
+    def __init__(self, node: Any, arm: Arm) -> None:
+        self._arm = arm
+        self._scene = node.create_publisher(interface(_ARRAY), "~/scene_markers", LATCHED)
+        self._path = node.create_publisher(interface(_ARRAY), "~/path_markers", LATCHED)
+
+    def scene(self, state: SceneState) -> None:
+        markers = scene_markers(state.scene(), None, prefix=self._arm.prefix)
+        self._scene.publish(_message([{"action": _DELETE_ALL}, *markers]))
+
+    def path(self, state: SceneState, plan: PlanResult) -> None:
+        self._path.publish(_message([path_marker(state.scene(), plan.trajectory.q, prefix=self._arm.prefix)]))
+
+
+def _message(markers: Sequence[Marker]) -> Any:
+    kind = interface("visualization_msgs/msg/Marker")
+    return interface(_ARRAY)(markers=[_filled(kind(), marker) for marker in markers])
+
+
+def _filled(message: Any, values: Mapping[str, Any]) -> Any:
+    """A message with these fields; lists of mappings are lists of points."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            _filled(getattr(message, name), value)
+        elif isinstance(value, list):
+            point = interface("geometry_msgs/msg/Point")
+            setattr(message, name, [_filled(point(), one) for one in value])
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def srdf(arm: Arm) -> str:
+    """The SRDF that matches this planner, for the URDF of the robot_state_publisher."""
+    root = Element("robot", name=arm.model.name)
+    group = SubElement(root, "group", name=GROUP)
+    SubElement(group, "chain", base_link=arm.root, tip_link=arm.tip)
+    for name, q_rad in NAMED_CONFIGURATIONS.items():
+        state = SubElement(root, "group_state", name=name, group=GROUP)
+        for joint, angle in zip(arm.joints, q_rad, strict=True):
+            SubElement(state, "joint", name=joint, value=repr(angle))
+    scene = SceneState(arm)
+    for one, other in combinations(arm.collision_links, 2):
+        if scene.is_collision_disabled(one, other):
+            adjacent = arm.collision_links.index(other) - arm.collision_links.index(one) == 1
+            SubElement(root, "disable_collisions", link1=one, link2=other, reason="Adjacent" if adjacent else "Never")
+    indent(root)
+    return f'<?xml version="1.0"?>\n{tostring(root, encoding="unicode")}\n'

@@ -1,18 +1,30 @@
-"""The services of ``move_group`` that do not plan: one function each, of a request and the arm's current configuration.
+"""The services of ``move_group``: one function each, of a request and the arm's current configuration.
 
-They raise RefusedError for what is not supported, and PlanningError.
+They raise RefusedError for what is not supported, and PlanningError. Those that plan may take seconds.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any, Final
 
 from client.errors import PlanningError
 from client.planning import CollisionChecker, PairDistance
 from client.ros2.host import interface
 from client.ros2.move_group.arm import Arm, RefusedError, pose_of, set_code
-from client.ros2.move_group.constraints import is_empty
-from client.ros2.move_group.requests import PLANNERS, PlanResult, ik_solutions
+from client.ros2.move_group.requests import (
+    PLANNERS,
+    PlanResult,
+    ScalingFactors,
+    ik_solutions,
+    is_empty,
+    path_constraints,
+    plan_motion,
+    plan_motion_sequence,
+    planner_for,
+    refusal,
+    scaling,
+)
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
 from urproto.robots.description import urdf
@@ -138,12 +150,10 @@ def _contact(state: SceneState, arm: Arm, pair: PairDistance) -> Any:
 
 
 def get_planning_scene(now: RequestContext, request: Any, response: Any) -> None:
-    """The scene, or the requested components of it."""
     response.scene = now.state.message(now.q_rad, request.components.components)
 
 
 def query_planner_interface(now: RequestContext, request: Any, response: Any) -> None:
-    """The available planners."""
     kind = interface("moveit_msgs/msg/PlannerInterfaceDescription")
     response.planner_interfaces = [
         kind(name=name, pipeline_id=name, planner_ids=list(names)) for name, names in PLANNERS.items()
@@ -154,6 +164,75 @@ def get_urdf(now: RequestContext, request: Any, response: Any) -> None:
     """The description: the group is the whole arm."""
     now.arm.check_group(request.group_name)
     response.urdf_string = urdf(now.arm.model, prefix=now.arm.prefix)
+
+
+def plan_kinematic_path(now: RequestContext, request: Any, response: Any) -> PlanResult:
+    answer, wanted = response.motion_plan_response, request.motion_plan_request
+    answer.group_name = wanted.group_name
+    plan = plan_motion(now.arm, now.state, wanted, now.q_rad)
+    answer.trajectory_start = now.arm.state_message(plan.start_rad)
+    answer.trajectory = now.arm.trajectory_message(plan.trajectory)
+    answer.planning_time = plan.time_s
+    return plan
+
+
+def plan_sequence_path(now: RequestContext, request: Any, response: Any) -> PlanResult | None:
+    """Plan motions that blend, as one trajectory."""
+    answer = response.response
+    if not request.request.items:
+        return None
+    plan = plan_motion_sequence(now.arm, now.state, request.request, now.q_rad)
+    fill_sequence_response(now.arm, answer, plan)
+    return plan
+
+
+def fill_sequence_response(arm: Arm, answer: Any, plan: PlanResult) -> None:
+    """Fill a moveit_msgs/MotionSequenceResponse with a plan."""
+    answer.sequence_start = arm.state_message(plan.start_rad)
+    answer.planned_trajectories = [arm.trajectory_message(plan.trajectory)]
+    answer.planning_time = plan.time_s
+
+
+def compute_cartesian_path(now: RequestContext, request: Any, response: Any) -> PlanResult | None:
+    """Move a link straight from waypoint to waypoint, as far as possible."""
+    arm = now.arm
+    arm.check_group(request.group_name)
+    link = request.link_name or arm.tip
+    link_offset = arm.flange_to_link(link)
+    start = arm.angles(request.start_state, now.q_rad)
+    response.start_state = arm.state_message(start)
+    if not request.waypoints:
+        return None
+    state = now.state.with_attached(request.start_state.attached_collision_objects, start)
+    frame = request.header.frame_id.lstrip("/")
+    poses = map(pose_of, request.waypoints)
+    if frame == link:  # each is relative to the one before, as in MoveIt
+        at_start = pose_trans(arm.kinematics.forward(start), link_offset)
+        waypoints = list(accumulate(poses, pose_trans, initial=at_start))[1:]
+    else:
+        base = arm.frame(frame, start, state.frames(start))
+        waypoints = [pose_trans(base, pose) for pose in poses]
+    planner = planner_for(arm, state, request, start)
+    kept = path_constraints(arm, state, request.path_constraints, start)
+    given = hasattr(request, "max_velocity_scaling_factor")  # since Jazzy
+    shares = scaling(request) if given else ScalingFactors(velocity_scaling=1.0, acceleration_scaling=1.0)
+    try:
+        found = planner.compute_cartesian_path(
+            start,
+            waypoints,
+            float(request.max_step),
+            float(request.jump_threshold),
+            revolute_jump_threshold_rad=float(request.revolute_jump_threshold),
+            avoid_collisions=request.avoid_collisions,
+            tcp_offset=link_offset,
+            path_constraints=kept,
+            **shares,
+        )
+    except PlanningError as error:
+        raise refusal(arm, error, start) from None
+    response.solution = arm.trajectory_message(found.plan.trajectory)
+    response.fraction = float(found.fraction)
+    return PlanResult(start, found.plan.trajectory, found.plan.search_s + found.plan.parameterisation_s)
 
 
 @dataclass(frozen=True)
@@ -174,7 +253,14 @@ SERVICES: Final = (
     PlanningService("get_urdf", "moveit_msgs/srv/GetGroupUrdf", get_urdf),
     PlanningService("query_planner_interface", "moveit_msgs/srv/QueryPlannerInterfaces", query_planner_interface),
 )
-"""The services that neither change nor move anything."""
+"""The services that neither plan, nor change or move anything."""
+
+PLANS: Final = (
+    PlanningService("plan_kinematic_path", "moveit_msgs/srv/GetMotionPlan", plan_kinematic_path),
+    PlanningService("plan_sequence_path", "moveit_msgs/srv/GetMotionSequence", plan_sequence_path),
+    PlanningService("compute_cartesian_path", "moveit_msgs/srv/GetCartesianPath", compute_cartesian_path),
+)
+"""Those that plan."""
 
 
 def answer_request(
@@ -193,7 +279,6 @@ def answer_request(
 
 
 def set_response_code(response: Any, code: str, reason: str) -> None:
-    """Set the code of a response that has one."""
     for holder in (response, *(getattr(response, name, None) for name in ("motion_plan_response", "response"))):
         if hasattr(holder, "error_code"):
             set_code(holder.error_code, code, reason)
