@@ -204,7 +204,7 @@ ROUGH = {
     ),
     "start": (on_time(lambda t: 0.3 + smooth(t)), {}, Cause.PROGRAM, r"0\.30 rad from the arm \(base\): the arm jumps"),
     "slider": (on_time(smooth), {"slider": 0.5}, Cause.CONTROLLER, "the robot runs at 50 % speed"),
-    "other registers": (on_time(noisy()), {"names": REGISTERS[:6]}, Cause.PROGRAM, "the setpoints themselves are rough"),
+    "other registers": (on_time(noisy()), {"names": REGISTERS[:6]}, Cause.PROGRAM, "setpoints themselves are rough"),
 }  # fmt: skip
 """Setpoints, options of the recording, and what is found."""
 
