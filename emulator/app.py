@@ -121,7 +121,6 @@ class Emulator:
         return self.clock.statistics if isinstance(self.clock, RealClock) else None
 
     def stop(self) -> None:
-        """Set ``stopped``."""
         self.stopped.set()
 
     async def __aenter__(self) -> Self:

@@ -56,7 +56,6 @@ app = application()
 
 
 def main() -> None:
-    """Run the command line."""
     app()
 
 

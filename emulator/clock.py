@@ -43,9 +43,7 @@ class Clock(Protocol):
     """Drives a controller."""
 
     @property
-    def last_tick_s(self) -> float:
-        """How long the last tick took [s]."""
-        ...
+    def last_tick_s(self) -> float: ...
 
     def start(self, tick: Tick) -> None:
         """Start to call ``tick`` once per control period. Needs a running event loop."""
@@ -69,7 +67,6 @@ class ClockStatistics:
     _bins: list[int] = field(default_factory=lambda: [0] * (_BINS + 1), repr=False)
 
     def record(self, lateness_ns: int, period_ns: int) -> None:
-        """Count one tick."""
         self.ticks += 1
         self._bins[min(max(lateness_ns, 0) // _BIN_NS, _BINS)] += 1
         if lateness_ns >= period_ns:
@@ -162,7 +159,6 @@ class RealClock:
         self._late_s, self._late_for_good = seconds, not made_up
 
     def pause(self) -> None:
-        """Stop ticking until ``resume``."""
         self.paused = True
 
     def resume(self) -> None:

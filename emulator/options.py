@@ -172,7 +172,6 @@ CONTROLLER_OPTIONS: Final[Mapping[str, Parameter]] = signature(ControllerOptions
 
 
 def help_of(name: str) -> str:
-    """The help text of an option."""
     option = ROBOT_OPTIONS[name].annotation.__metadata__[0]
     return str(option.help)
 

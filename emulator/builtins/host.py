@@ -152,7 +152,6 @@ class ProgramHost:
 
     @property
     def runtime(self) -> Runtime:
-        """The interpreter of this program."""
         assert self._runtime is not None, "a host is attached before its program runs"
         return self._runtime
 
@@ -168,7 +167,6 @@ class ProgramHost:
 
     @property
     def arm(self) -> Arm:
-        """The measured arm."""
         return self.machine.arm
 
     @property

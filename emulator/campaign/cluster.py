@@ -49,7 +49,6 @@ class RayWorkers:
 
     @property
     def room(self) -> int:
-        """Number of further jobs that may be submitted now."""
         return _QUEUED * self.size - len(self._jobs)
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:

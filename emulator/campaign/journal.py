@@ -102,7 +102,6 @@ class Journal:
         os.fsync(self._file.fileno())
 
     def _resume(self) -> None:
-        """Continue with the results in the file."""
         self._truncate_partial_line()
         with self.path.open("rb") as lines:
             try:

@@ -34,12 +34,10 @@ class LocalWorkers:
 
     @property
     def size(self) -> int:
-        """Number of jobs that are executed at the same time."""
         return self._processes
 
     @property
     def room(self) -> int:
-        """Number of further jobs that may be submitted now."""
         return self._processes - len(self._busy)
 
     @property
@@ -48,7 +46,6 @@ class LocalWorkers:
         return [worker.process.pid or 0 for worker in self._busy]
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Have a process call a function of a module; return the number of this job."""
         worker = self._idle.pop() if self._idle else self._start()
         self._next += 1
         worker.job = self._next

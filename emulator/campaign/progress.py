@@ -39,7 +39,6 @@ class Progress:
             self._print_line(now)
 
     def finish(self) -> None:
-        """End the line."""
         if self.out.isatty():
             self.out.write("\r\x1b[K")
             self.out.flush()
@@ -60,7 +59,6 @@ class Progress:
 
 
 def duration(seconds: float) -> str:
-    """A duration in readable form."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     minutes = seconds / 60

@@ -53,7 +53,6 @@ class DashboardCommand:
 
     @property
     def help(self) -> str:
-        """What the command does."""
         return inspect.getdoc(self.function) or ""
 
 
@@ -213,7 +212,6 @@ def program_state(controller: Controller) -> str:
 
 
 def program_state_word(controller: Controller) -> Literal["STOPPED", "PLAYING", "PAUSED"]:
-    """The state of the running program, in one of three words."""
     state = controller.programs.state
     if state in (RuntimeState.STOPPED, RuntimeState.STOPPING):
         return "STOPPED"

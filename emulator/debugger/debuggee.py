@@ -159,7 +159,6 @@ class Debuggee:
         ]
 
     def globals(self) -> dict[str, str]:
-        """The program's global variables."""
         return {} if self._runtime is None else {name: str(value) for name, value in self._runtime.globals.items()}
 
     def robot_state(self) -> dict[str, str]:

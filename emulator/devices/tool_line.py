@@ -80,7 +80,6 @@ class ToolLine:
 
     @property
     def settings(self) -> SerialSettings:
-        """Present settings of the line."""
         return self._settings
 
     @settings.setter
@@ -95,7 +94,6 @@ class ToolLine:
         return len(self._waiting) >= _MAX_WAITING
 
     def connect(self, device: SerialDevice) -> None:
-        """Put a device on the line."""
         self.device = device
         device.configure(self._settings)
 

@@ -89,7 +89,6 @@ class _Meter:
     _qdd: Sequence[float] = field(default_factory=tuple)
 
     def take(self, state: "Snapshot") -> None:
-        """Take the next control period into account."""
         place, qdd = state.actual_TCP_pose[:3], state.target_qdd
         if self._qdd:
             self.path_m += dist(place, self._place)

@@ -32,7 +32,6 @@ class Report:
 
     @property
     def successes(self) -> int:
-        """Number of episodes that reached the goal."""
         return sum(episode.success for episode in self.episodes)
 
     @property

@@ -245,7 +245,6 @@ class Choice:
         return self.kind.parameters | {f"{name} after": domain for name, domain in following.items()}
 
     def draw(self, chance: Random) -> Values:
-        """Values by chance."""
         return {name: domain.draw(chance) for name, domain in self.parameters.items()}
 
     def actions(self, values: Values) -> Iterator[tuple[float, Kind, Values]]:

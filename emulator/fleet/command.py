@@ -132,7 +132,6 @@ class _Screen:
                 self._console.print(f"Cannot restart {self._hosts(robots)}: {reason}.", style="bold red")
 
     def show_class(self, address: str, passwords: Mapping[str, str]) -> None:
-        """Print the address and the passwords of the class page."""
         self._console.print(f"Class page: {address}, with a link for each student.")
         for role, password in passwords.items():
             self._console.print(f"  password for the {role}: {password}", markup=False, highlight=False)

@@ -20,7 +20,6 @@ _WORDS: Final = (*ArmKind, "factory")  # values of these options that name no fi
 
 
 def product_version() -> str:
-    """The version of this package."""
     return version("ur-emulator")
 
 

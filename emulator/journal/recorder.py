@@ -148,7 +148,6 @@ class Recorder:
             self._writer.afterwards(lambda: write(memory.content))
 
     def close(self) -> None:
-        """Write what is left."""
         self._end_second(None)
         self._attempt(self._writer.close)
         if self._ring is not None:
@@ -157,7 +156,6 @@ class Recorder:
     # the doors
 
     def posted(self, command: Command, client: str) -> None:
-        """A client has posted a command; "" is this process."""
         if isinstance(command, RobotApiCall) or (isinstance(command, DashboardLine) and "load" in command.text.lower()):
             self._look_at_files()
         try:
@@ -233,12 +231,10 @@ class Recorder:
     # the periods
 
     def begin(self) -> None:
-        """A control period begins."""
         self._look_outside()
         self._ticking = True
 
     def end(self, controller: Controller) -> None:
-        """A control period of this controller is over."""
         self._ticking, self._ticked = False, controller
         self.periods += 1
         if self._sockets is not None:
@@ -278,7 +274,6 @@ class Recorder:
         self._writer.afterwards(ring.proposal({**self._header, "begin": begin}, self.periods / self._second))
 
     def _last(self) -> Snapshot | None:
-        """The state after the last period."""
         return None if self._ticked is None else self._ticked.published()
 
     def _look_outside(self) -> None:

@@ -98,7 +98,6 @@ class Replay:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Remove the files of the run."""
         self._kept.close()
 
     def run(self, until: Callable[[Snapshot], bool] | None = None) -> None:

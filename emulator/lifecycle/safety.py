@@ -165,7 +165,6 @@ class Safety:
         return self.mode is not before
 
     def advance(self, period_s: float) -> None:
-        """One control period."""
         self.mode_age_s += period_s
 
     def _follow(self, event: SafetyEvent) -> None:

@@ -126,7 +126,6 @@ class Motion:
 
     @property
     def time(self) -> ProgramTime:
-        """The program's time."""
         return self.movement.time
 
     @property
@@ -141,7 +140,6 @@ class Motion:
 
     @property
     def braking(self) -> bool:
-        """Whether the brakes are bringing the arm to rest."""
         return self.movement.braking
 
     @property

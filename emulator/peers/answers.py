@@ -32,9 +32,7 @@ class Answerer(Protocol):
         """Take complete messages off a buffer. idle: nothing was sent for a control period."""
         ...
 
-    def answer(self, message: bytes) -> Reply:
-        """The answer to a message."""
-        ...
+    def answer(self, message: bytes) -> Reply: ...
 
 
 def cut_at(delimiter: bytes, buffer: bytearray) -> Iterator[bytes]:

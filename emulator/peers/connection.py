@@ -44,7 +44,6 @@ class Peers:
 
     @property
     def logs(self) -> list[PeerLog]:
-        """What was sent to each."""
         return [*(peer.log for peer in self.sockets.values()), *(unit.log for unit in self.units.values())]
 
     def attach(self, controller: Controller, network: ScriptSocketBackend) -> None:

@@ -64,7 +64,6 @@ class ToolChanger:
         self._locking = locking
 
     def release(self, data: Any) -> None:
-        """Release any tool."""
         for weld in self._tools.values():
             data.eq_active[weld] = False
 
@@ -73,7 +72,6 @@ class ToolChanger:
         return [float(self._locking)]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Restore a state from `save`."""
         self._locking = bool(values[0])
 
     def _distance(self, data: Any, tool: int) -> tuple[float, float]:

@@ -35,7 +35,6 @@ class ScenePlan(PhysicsPlan):
     """A plan that loads MuJoCo when it is used."""
 
     def build(self, model: RobotModel, period_s: float) -> "PhysicsWorld":
-        """Build a separate world for one arm. Raises WorldError."""
         from emulator.physics.scene import SceneError, build
         from emulator.physics.world import PhysicsWorld
 

@@ -97,7 +97,6 @@ class Fingers:
         return [self._setpoint, self._force, self._stopped_s, self.width]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Restore a state from `save`."""
         self._setpoint, self._force, self._stopped_s, self.width = values
         self._model.actuator_forcerange[self._motors] = (-self._force, self._force)
 

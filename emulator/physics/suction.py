@@ -50,7 +50,6 @@ class SuctionCup:
             self._grasp(data)
 
     def release(self, data: Any) -> None:
-        """Release any object."""
         self.act(data, sucking=False)
 
     def save(self) -> list[float]:

@@ -25,5 +25,4 @@ def add_weld(spec: Any, holder: str, body: str, solref: Sequence[float], data: S
 
 
 def weld_name(holder: str, body: str) -> str:
-    """Name of the weld between a holder and a body."""
     return f"{PREFIX}{holder}:{body}"

@@ -119,7 +119,6 @@ class Wires:
         return [value for part in self._keeping for value in part.save()]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Restore a state from `save`."""
         left = list(values)
         for part in self._keeping:
             count = len(part.save())

@@ -121,7 +121,6 @@ class Programs:
 
     @property
     def host(self) -> ProgramHost | None:
-        """The main program's host."""
         return self._host
 
     @property
@@ -132,7 +131,6 @@ class Programs:
 
     @property
     def texts(self) -> CompiledTexts:
-        """What this robot has compiled."""
         return self._compiling.texts
 
     @property
@@ -147,7 +145,6 @@ class Programs:
 
     @property
     def variables(self) -> Mapping[str, Any]:
-        """The main program's global variables."""
         return self._main.globals if self._main else {}
 
     @property
@@ -309,11 +306,9 @@ class Programs:
 
     @property
     def paused(self) -> bool:
-        """Whether the main program is paused or being paused."""
         return self.state in _PAUSED
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write the main program's state to a snapshot."""
         state = self.state
         snapshot.runtime_state = state
         snapshot.program_name = self.name

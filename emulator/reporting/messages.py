@@ -81,7 +81,6 @@ class MessageLog:
         self.emit(KeyMessage(title=title, text=text))
 
     def safety_mode(self, mode: SafetyMode) -> None:
-        """Report a change of the safety mode."""
         self.emit(SafetyModeMessage(safety_mode=mode))
 
     def error(self, code: int, argument: int = 0, level: ReportLevel = ReportLevel.WARNING, text: str = "") -> None:

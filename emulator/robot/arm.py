@@ -121,22 +121,18 @@ class Arm:
 
     @property
     def flange_pose(self) -> Pose:
-        """Actual pose of the tool flange."""
         return self.state.tool.now.flange_pose
 
     @property
     def tcp_pose(self) -> Pose:
-        """Actual pose of the TCP."""
         return self.state.tool.now.pose
 
     @property
     def tcp_speed(self) -> Vector6:
-        """Actual velocity of the TCP."""
         return self.state.tool.now.speed
 
     @property
     def tcp_acceleration(self) -> Vector6:
-        """Actual acceleration of the TCP."""
         return self.state.tool.acceleration
 
     @property
@@ -146,7 +142,6 @@ class Arm:
 
     @property
     def elbow_velocity(self) -> Vector3:
-        """Actual velocity of the elbow."""
         return self.state.tool.elbow_velocity
 
     @property
@@ -302,7 +297,6 @@ class Arm:
         return ArmState(tool, tool, here, sensors, Efforts(self.dynamics, (q, ZERO6, ZERO6)))
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write the results of ``update`` to a snapshot."""
         snapshot.arm = self.state
         snapshot.target_q, snapshot.actual_q = self.target_q, self.measured_q
         snapshot.target_qd, snapshot.actual_qd = self.target_qd, self.measured_qd

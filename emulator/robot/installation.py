@@ -113,24 +113,20 @@ class Installation(Marked):
             self.payload = moving.start.towards(moving.target, moving.elapsed_s / moving.duration_s)
 
     def apply(self, path: Path, file: InstallationFile) -> None:
-        """Apply the contents of an installation file."""
         self.name, self.path, self.file = path.name, path, file
         self.use_tcp()
         self.use_mounting()
         self.use_payload()
 
     def use_tcp(self) -> None:
-        """Apply the file's TCP, if it has one."""
         if self.file.tcp is not None:
             self.tcp = self.file.tcp
 
     def use_mounting(self) -> None:
-        """Apply the file's mounting, if it has one."""
         if self.file.gravity is not None:
             self.gravity = self.file.gravity
 
     def use_payload(self) -> None:
-        """Apply the file's payload, if it has one."""
         if self.file.payload is not None:
             payload = self.file.payload
             self.set_payload(Payload.of(payload.mass, payload.cog, payload.inertia))

@@ -47,7 +47,6 @@ class RobotApiServer(PortServer):
 
     @cached_property
     def document(self) -> bytes:
-        """The OpenAPI document."""
         return http.as_json(openapi(self.operations, self.controller.version))
 
 

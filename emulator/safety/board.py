@@ -303,7 +303,6 @@ class SafetyBoard:
     # reports
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write the state of the safety system to a snapshot."""
         machine, safety = self._machine, self._machine.safety
         snapshot.safety_checksum = self._checksum
         snapshot.safety_mode = safety.mode

@@ -65,7 +65,6 @@ class SafetyInputs:
         return True
 
     def set_device(self, device: SafetyDevice, active: bool) -> None:
-        """Press or open, release or close."""
         (self._active.add if active else self._active.discard)(device)
         self._seen, self._rising = -1, frozenset()
 
@@ -75,7 +74,6 @@ class SafetyInputs:
         return device in self._active or (function in self._masks and function not in self._high)
 
     def assigned(self, function: SafetyInput) -> bool:
-        """Whether the function has pins."""
         return function in self._masks
 
     def high(self, function: SafetyInput) -> bool:

@@ -12,7 +12,6 @@ _ELEMENTS = {Status.FAILED: "failure", Status.ERROR: "error"}
 
 
 def result_line(result: Result) -> str:
-    """One line about a result."""
     return f"{result.title} {result.status.upper()} ({result.robot_s:.2f} s of robot time)"
 
 
@@ -31,7 +30,6 @@ def summary(results: Sequence[Result]) -> str:
 
 
 def junit(results: Sequence[Result]) -> bytes:
-    """The results as JUnit XML."""
     failures, errors = (sum(result.status is status for result in results) for status in _ELEMENTS)
     counts = {"tests": str(len(results)), "failures": str(failures), "errors": str(errors)}
     total_s = f"{sum(result.wall_s for result in results):.3f}"

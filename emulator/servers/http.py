@@ -287,7 +287,6 @@ def _with_defaults(headers: Mapping[str, str]) -> list[tuple[str, str]]:
 
 
 def as_json(content: Any) -> bytes:
-    """Encode content as JSON."""
     try:
         return msgspec.json.encode(content)
     except UnicodeEncodeError:  # lone surrogates are rare, so the content is only searched for them after a failure
@@ -337,7 +336,6 @@ def is_local(name: str) -> bool:
 
 
 def is_address(text: str) -> bool:
-    """Whether a text is an IP address."""
     try:
         ip_address(text)
     except ValueError:

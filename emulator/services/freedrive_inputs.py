@@ -30,7 +30,6 @@ class FreedriveInputs:
         self._levels[group.name, index] = lambda: self._signals.get_digital_input(group, index)
 
     def watch_register(self, index: int) -> None:
-        """Freedrive by a boolean input register."""
         self._levels["register", index] = lambda: self._registers.input.get_bit(index)
 
     def watch_signal(self, name: str) -> None:
@@ -46,7 +45,6 @@ class FreedriveInputs:
         self._levels.pop((kind, index), None)
 
     def clear(self) -> None:
-        """Remove the actions of all inputs."""
         self._levels.clear()
 
     def advance(self, *, allowed: bool) -> None:

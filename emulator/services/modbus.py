@@ -249,7 +249,6 @@ class ModbusSignal:
             self.values = self.wanted
 
     def poll_now(self, step: int) -> None:
-        """Send the next request without waiting for its turn."""
         self._due = step
 
     def due_since(self, step: int) -> int | None:
@@ -262,7 +261,6 @@ class ModbusSignal:
         return self._due if 0 <= self._due <= step else None
 
     def send_request(self, step: int, frames_a_second: float, backend: ModbusBackend) -> None:
-        """Send the signal's request."""
         self._due = self._next_turn(step, frames_a_second)
         self._exchange = backend.request(self.unit, self._request(), sequential=self.sequential)
 
@@ -456,7 +454,6 @@ class ModbusSignals:
             signal.send_request(step, self._frames_a_second, self.backend)
 
     def program_started(self) -> None:
-        """A main program begins."""
         self._program_runs = True
         for signal in self._signals.values():
             self._drive(signal, level_at_start(signal.runstate_choice))

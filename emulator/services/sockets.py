@@ -95,7 +95,6 @@ class SocketTable:
             socket.close()
 
     def close_all(self) -> None:
-        """Close and forget every socket."""
         for name in list(self._sockets):
             self.close(name)
         for socket in list(self._held):

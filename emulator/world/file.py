@@ -29,7 +29,6 @@ class WorldPlan:
     links: bool = False
 
     def build(self, model: RobotModel, period_s: float) -> World:
-        """Build a separate world for one arm. Raises WorldError."""
         return self._fill(World(self.tool, _links(model) if self.links else None))
 
     def check(self, model: RobotModel, q: Sequence[float]) -> None:

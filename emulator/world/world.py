@@ -67,7 +67,6 @@ class World:
         """Connect a world that can be wired; called once, before the first period."""
 
     def names(self) -> list[str]:
-        """Names of all objects."""
         return list(self._objects)
 
     def poses(self) -> dict[str, Vector6]:
@@ -89,12 +88,10 @@ class World:
 
     @property
     def objects(self) -> Mapping[str, WorldObject]:
-        """All objects by name."""
         return MappingProxyType(self._objects)
 
     @property
     def pushes(self) -> Mapping[str, Push]:
-        """Present pushes by name."""
         return MappingProxyType(self._pushes)
 
     def add(self, name: str, obj: WorldObject) -> None:

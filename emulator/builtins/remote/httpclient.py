@@ -130,7 +130,6 @@ class HttpConnection:
         return str(self.url)
 
     def close(self) -> None:
-        """End the connection; the next call opens another."""
         socket, self._socket = self._socket, None
         if socket is not None:
             self._host.sockets.drop(socket)

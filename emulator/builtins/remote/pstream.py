@@ -81,7 +81,6 @@ class PacketConnection:
         return authority(self._address, self._port)
 
     def close(self) -> None:
-        """End the connection; the next call opens another."""
         socket, self._socket = self._socket, None
         if socket is not None:
             self._host.sockets.drop(socket)
@@ -94,7 +93,6 @@ class PacketConnection:
             self._socket = yield from connect(self._host, self._address, self._port)
 
     def post(self, body: bytes, take: Callable[[bytes], None]) -> Frames[None]:
-        """See RemoteConnection."""
         reader = PacketReader(take)
         try:
             yield from self.open()
