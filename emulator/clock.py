@@ -47,11 +47,9 @@ class Clock(Protocol):
 
     def start(self, tick: Tick) -> None:
         """Start to call ``tick`` once per control period. Needs a running event loop."""
-        ...
 
     def close(self) -> None:
         """Stop the clock; does nothing if it is not running."""
-        ...
 
 
 @dataclass

@@ -218,6 +218,11 @@ class ProgramHost:
         """
         return self._motion_control
 
+    def check_main(self, name: str) -> None:
+        """Raises RuntimeFault, naming the built-in, for a secondary program, which cannot control the robot."""
+        if self.secondary:
+            raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
+
     def until_ready(self, move: Move) -> Frames[None]:
         """Wait until the program may continue after a movement, for at least one frame unless it is timeless.
 

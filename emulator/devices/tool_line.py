@@ -36,15 +36,12 @@ class SerialDevice(Protocol):
 
     def configure(self, settings: SerialSettings) -> None:
         """The line's settings changed."""
-        ...
 
     def write(self, data: bytes) -> None:
         """Bytes for the device."""
-        ...
 
     def read(self, most: int) -> bytes:
         """Take at most this many bytes from the device."""
-        ...
 
 
 class EchoDevice:

@@ -61,7 +61,6 @@ class Domain(Protocol):
 
     def simpler(self, value: Any) -> Iterator[Any]:
         """Simpler values than this one, the simplest first."""
-        ...
 
 
 @dataclass(frozen=True)

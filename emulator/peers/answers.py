@@ -30,7 +30,6 @@ class Answerer(Protocol):
 
     def cut(self, buffer: bytearray, idle: bool) -> Iterator[bytes]:
         """Take complete messages off a buffer. idle: nothing was sent for a control period."""
-        ...
 
     def answer(self, message: bytes) -> Reply: ...
 

@@ -64,19 +64,15 @@ class ModbusBackend(Protocol):
 
     def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         """Send a request. ``sequential``: not while another one to the unit is unanswered."""
-        ...
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None:
         """Send function code and data; the answer is ignored."""
-        ...
 
     def reset(self, address: str) -> None:
         """Close all connections to an address; the next request immediately opens a new one."""
-        ...
 
     def release(self, unit: ModbusUnit) -> None:
         """No signal uses this unit any longer."""
-        ...
 
 
 class NoModbusNetwork:

@@ -35,20 +35,16 @@ class ScriptSocket(Protocol):
     @property
     def state(self) -> SocketState:
         """``closed`` is final; bytes already in ``inbox`` stay readable."""
-        ...
 
     @property
     def failure(self) -> str:
         """The system's reason if neither side closed it; else empty."""
-        ...
 
     def send(self, data: bytes) -> bool:
         """Queue bytes for the peer. Returns False if the connection is not open."""
-        ...
 
     def close(self) -> None:
         """Close the connection; does nothing if it is already closed."""
-        ...
 
 
 class ScriptSocketBackend(Protocol):
@@ -56,7 +52,6 @@ class ScriptSocketBackend(Protocol):
 
     def open(self, address: str, port: int) -> ScriptSocket:
         """Begin to connect. Never fails: a refused connection turns ``closed``."""
-        ...
 
 
 class SocketTable:

@@ -12,10 +12,10 @@ from campaign_rig import CAMPAIGN, InProcessWorkers, write
 from emulator import script_cli as cli
 from emulator.campaign.conduct import Conductor, first_failures, simplest
 from emulator.campaign.journal import Journal, write_parquet
-from emulator.campaign.local import LocalWorkers
 from emulator.campaign.plan import Plan, read_plan
 from emulator.campaign.report import write_report
 from emulator.campaign.work import Result, Status, installed_version
+from emulator.campaign.workers import LocalWorkers
 from emulator.config import ConfigError
 from emulator.journal.replay import Replay
 
