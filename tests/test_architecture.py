@@ -212,7 +212,7 @@ WRITES_FILES = {
     "emulator.reports": "archives in memory or in a file of urproto.durable, and their temporary folder",
     "emulator.lockstep.clock": "the memory that processes share, which is gone with them, and a compiled library",
     "emulator.physics.drawing": "pictures in memory, and the pipe to the robot",
-    "emulator.programs.own_folder": "copies to a temporary folder, which has no earlier content",
+    "emulator.programs.loading": "copies to a temporary folder, which has no earlier content",
     "client.pendant.program_file": "renames an unreadable file",
     "client.tool_communication": "a link to a serial device",
     "client.controllers.serving": "locks, and an address that is gone with its process",

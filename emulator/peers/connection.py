@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from emulator.controller import Controller
-from emulator.peers.answers import Answerer, Reply
-from emulator.peers.gripper import GripperPeer
+from emulator.peers.answers import Answerer, GripperPeer, Reply
 from emulator.peers.log import PeerLog
 from emulator.peers.modbus import PeerModbus, UnitPeer
 from emulator.services.sockets import MemorySocket, NoNetwork, ScriptSocket, ScriptSocketBackend, SocketState

@@ -7,7 +7,7 @@ import mujoco
 
 from emulator.physics.arm_bodies import PREFIX, quaternion
 from emulator.physics.contacts import Kind, touching
-from emulator.physics.grippers import GripperShape
+from emulator.physics.plan import GripperShape
 
 _SIDES: Final = (("left", 1.0), ("right", -1.0))
 _FINGER_KG: Final = 0.1

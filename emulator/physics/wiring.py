@@ -12,10 +12,9 @@ import numpy as np
 from emulator.devices.robotiq import Gripper
 from emulator.io.encoders import Encoders
 from emulator.io.signals import Signals
-from emulator.physics.changer import ToolChanger
 from emulator.physics.description import Barrier, Conveyor, Parallel
 from emulator.physics.fingers import Fingers
-from emulator.physics.suction import SuctionCup
+from emulator.physics.holders import SuctionCup, ToolChanger
 
 if TYPE_CHECKING:
     from emulator.physics.plan import PhysicsPlan

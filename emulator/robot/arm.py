@@ -31,7 +31,7 @@ from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
 from urproto.robots.measured import drivetrain_of
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, add, add3, largest, rate, sub
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, add, add3, largest, lerp, rate, sub
 from urproto.versions import Series
 
 if TYPE_CHECKING:
@@ -223,10 +223,10 @@ class Arm:
         """
         if self.drives is not None:
             body = self.drives.body
-            return _onwards(body.q, body.qd, period_s), body.qd
-        braking = _within(_onwards(ZERO6, qd, -1.0 / period_s), self.model.qdd_max)
-        speed = _onwards(qd, braking, period_s)
-        return _onwards(q, speed, period_s), speed
+            return lerp(body.q, body.qd, period_s), body.qd
+        braking = _within(lerp(ZERO6, qd, -1.0 / period_s), self.model.qdd_max)
+        speed = lerp(qd, braking, period_s)
+        return lerp(q, speed, period_s), speed
 
     # one period
 
@@ -405,7 +405,7 @@ class Arm:
         if not math.isfinite(sum(torque)):
             return ZERO6
         excess = max(abs(value) / most for value, most in zip(torque, self.model.torque_max, strict=True))
-        return torque if excess <= _MAX_PUSH else _onwards(ZERO6, torque, _MAX_PUSH / excess)
+        return torque if excess <= _MAX_PUSH else lerp(ZERO6, torque, _MAX_PUSH / excess)
 
     def _read_sensors(self, tool: ToolMotion, installation: Installation) -> FlangeSensors:
         measured = self.wrench
@@ -470,12 +470,7 @@ def _with_rotors(torque: Vector6, rotors: Vector6, qdd: Vector6) -> Vector6:
     return (a, b, c, d, e, f)
 
 
-def _onwards(start: Vector6, rate: Vector6, time_s: float) -> Vector6:
-    a, b, c, d, e, f = (at + time_s * change for at, change in zip(start, rate, strict=True))
-    return (a, b, c, d, e, f)
-
-
 def _within(values: Vector6, most: Vector6) -> Vector6:
     """Scale all values by the same factor so that none exceeds its limit."""
     excess = max(abs(value) / limit for value, limit in zip(values, most, strict=True))
-    return values if excess <= 1.0 else _onwards(ZERO6, values, 1.0 / excess)
+    return values if excess <= 1.0 else lerp(ZERO6, values, 1.0 / excess)

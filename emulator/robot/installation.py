@@ -11,7 +11,7 @@ from typing import Final
 from emulator.snapshot import Marked, Snapshot, plausible
 from urproto.robots.model import UPRIGHT_GRAVITY
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, lerp, scaled_sum3, sub, sub3
 from urscript.polyscope.installation_file import InstallationFile
 
 _STANDING: Final = ZERO3
@@ -41,8 +41,8 @@ class Payload:
         """Linear interpolation: 0 is this payload, 1 the target."""
         return Payload(
             self.mass + alpha * (target.mass - self.mass),
-            _mix3(self.cog, target.cog, alpha),
-            _mix6(self.inertia, target.inertia, alpha),
+            scaled_sum3(self.cog, 1.0, sub3(target.cog, self.cog), alpha),
+            lerp(self.inertia, sub(target.inertia, self.inertia), alpha),
         )
 
 
@@ -145,12 +145,3 @@ def _sphere_inertia(mass: float) -> Vector6:
     radius = (3.0 * max(mass, 0.0) / (4.0 * math.pi * _PAYLOAD_DENSITY)) ** (1.0 / 3.0)
     moment = 0.4 * mass * radius * radius
     return (moment, moment, moment, 0.0, 0.0, 0.0)
-
-
-def _mix3(a: Vector3, b: Vector3, alpha: float) -> Vector3:
-    return (a[0] + alpha * (b[0] - a[0]), a[1] + alpha * (b[1] - a[1]), a[2] + alpha * (b[2] - a[2]))
-
-
-def _mix6(a: Vector6, b: Vector6, alpha: float) -> Vector6:
-    x, y, z, u, v, w = (p + alpha * (q - p) for p, q in zip(a, b, strict=True))
-    return (x, y, z, u, v, w)
