@@ -8,7 +8,7 @@ from emulator.controller import Controller
 from emulator.peers.answers import Answerer, GripperPeer, Reply
 from emulator.peers.log import PeerLog
 from emulator.peers.modbus import PeerModbus, UnitPeer
-from emulator.services.sockets import MemorySocket, NoNetwork, ScriptSocket, ScriptSocketBackend, SocketState
+from emulator.services.sockets import NoNetwork, RefusedSocket, ScriptSocket, ScriptSocketBackend, SocketState
 from urproto import robotiq
 
 ANY = "*"
@@ -64,7 +64,7 @@ class Peers:
             return self._network.open(address, port)
         if peer.refusals > 0:
             peer.refusals -= 1
-            return MemorySocket("closed", "Connection refused")
+            return RefusedSocket("Connection refused")
         return PeerSocket(peer)
 
 

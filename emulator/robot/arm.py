@@ -108,10 +108,12 @@ class Arm:
         self._mounted: Payload | None = None
         self._gravity: Vector3 | None = None
         self._base_acceleration: Vector3 | None = None
-        self._effective_gravity: Vector3 = ZERO3  # gravity and the base's acceleration together
+        self.effective_gravity: Vector3 = (
+            ZERO3  # and the base's acceleration, base frame, sign as of set_gravity [m/s2]
+        )
         self._ordinary_load = True
         self._driven = False
-        self._known = False  # False until the first update
+        self.known = False  # whether its position is known: not before the first update
         self._force_zeroed = False
         self._released = False
         self._tool_at = partial(ToolState, self.kinematics, model.elbow_offset)
@@ -130,10 +132,6 @@ class Arm:
     @property
     def tcp_speed(self) -> Vector6:
         return self.state.tool.now.speed
-
-    @property
-    def tcp_acceleration(self) -> Vector6:
-        return self.state.tool.acceleration
 
     @property
     def elbow_position(self) -> Vector3:
@@ -173,16 +171,6 @@ class Arm:
     def ordinary(self) -> bool:
         """Whether load and TCP are such that a plausible motion has plausible torques, poses and wrenches."""
         return self._ordinary_load and (self.tcp_offset is ZERO6 or largest(self.tcp_offset) < _ORDINARY)
-
-    @property
-    def known(self) -> bool:
-        """Whether the arm's position is known: not before the first ``update``."""
-        return self._known
-
-    @property
-    def effective_gravity(self) -> Vector3:
-        """Gravity plus the base's acceleration, base frame, with the sign of set_gravity [m/s2]."""
-        return self._effective_gravity
 
     @property
     def following_error(self) -> Vector6:
@@ -249,8 +237,8 @@ class Arm:
         news = self._moved(motion, installation.tcp, wrench, driven) or loads_changed
         if not (news or self._may_change):
             return False
-        started = not self._known
-        self._known, self._force_zeroed = True, False
+        started = not self.known
+        self.known, self._force_zeroed = True, False
         self.target_q, self.target_qd, self.target_qdd = motion
         self.wrench, self._driven, self.tcp_offset = wrench, driven, installation.tcp
         self._link_torque = self.link_torque
@@ -284,7 +272,7 @@ class Arm:
         self.force_bias = self._payload_error = ZERO6
         self.collisions.clear()
         self._payload = self._gravity = None
-        self._known = self._driven = False
+        self.known = self._driven = False
         if self.drives is not None:
             self.drives.place(q)
             self._static_friction.forget()
@@ -317,13 +305,13 @@ class Arm:
             return False
         self._payload, self._gravity = installation.payload, installation.gravity
         self._base_acceleration, self._mounted = installation.base_acceleration, self.mounted
-        self._effective_gravity = add3(self._gravity, self._base_acceleration)
+        self.effective_gravity = add3(self._gravity, self._base_acceleration)
         self.dynamics = self.dynamics.copy()  # what is computed later of the periods so far has the other one
         self._load(self.dynamics, self._payload)
         self.bounds.load(self._payload.mass)
         loads = (self._payload, self._mounted or self._payload)
         numbers = (
-            *self._effective_gravity,
+            *self.effective_gravity,
             *(part for load in loads for part in (load.mass, *load.cog, *load.inertia)),
         )
         self._ordinary_load = largest(numbers) < _ORDINARY
@@ -334,7 +322,7 @@ class Arm:
 
     def _load(self, dynamics: "Dynamics", payload: Payload) -> None:
         dynamics.set_payload(payload.mass, payload.cog, payload.inertia)
-        dynamics.set_gravity(self._effective_gravity)
+        dynamics.set_gravity(self.effective_gravity)
 
     def _moved(self, motion: JointMotion, tcp: Pose, wrench: Vector6, driven: bool) -> bool:
         q, qd, qdd = motion
@@ -348,7 +336,7 @@ class Arm:
             or driven is not self._driven
             or self._force_zeroed
             or self._released
-            or not self._known
+            or not self.known
             or not self.state.target.settled
         )
 
@@ -411,11 +399,11 @@ class Arm:
         measured = self.wrench
         self._payload_error = ZERO6
         if self._mounted is not None and not self._mounted.has_same_weight(installation.payload):
-            known, gravity = installation.payload, self._effective_gravity
+            known, gravity = installation.payload, self.effective_gravity
             self._payload_error = weight_difference(tool.now, self._mounted, known, gravity)
             measured = add(measured, self._payload_error)
         sensors = FlangeSensors(
-            tool, self._mounted or installation.payload, self._effective_gravity, self.wrench, self.sensor_in_flange
+            tool, self._mounted or installation.payload, self.effective_gravity, self.wrench, self.sensor_in_flange
         )
         if self.drives is not None:
             sensors.acceleration = self._sensors.accelerometer(sensors.acceleration)

@@ -39,9 +39,9 @@ from emulator.safety.causes import Cause
 from emulator.safety.signals import SafetyDevice
 from emulator.servers import rtde
 from emulator.servers.port import ServedController
-from emulator.services.modbus import MemoryModbus, MemoryUnit, ModbusUnit
-from emulator.services.sockets import MemorySockets
+from emulator.services.modbus import ModbusUnit
 from emulator.world.shapes import Box, Frame, Push, Sphere, WorldObject
+from tests.networks import MemoryModbus, MemorySockets, MemoryUnit
 from tests.rows import each_row
 from urproto.robotiq import RequestDecoder
 from urscript.polyscope.safety_configuration import SafetyInput
