@@ -26,8 +26,7 @@ from emulator.faults.catalogue import describe
 from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.file import JournalWriter
-from emulator.journal.header import header_of
-from emulator.journal.recorder import Recorder
+from emulator.journal.recorder import Recorder, header_of
 from emulator.journal.replay import Replay, executed
 from emulator.journal.ring import Ring
 from emulator.journal.stops import StopJournals

@@ -67,7 +67,7 @@ THIRD_PARTY = {
         "urproto.worldfile",
     ),
     "mujoco": ("emulator.physics",),
-    "PIL": ("emulator.physics.drawing", "emulator.evaluation.failures", "client.lerobot"),
+    "PIL": ("emulator.physics.drawing", "emulator.evaluation.episodes", "client.lerobot"),
     "gymnasium": ("emulator.learning",),
     "lerobot": ("client.lerobot.devices",),
     "mcp": ("client.mcp",),

@@ -168,6 +168,7 @@ class GripperCall(Command):
     """Requests of one client of the gripper. Answer: the bytes to send back."""
 
     price = _REGISTERS_WORK
+    failure = b""
 
     requests: tuple[GripperRequest, ...]
     session: GripperSession
@@ -175,10 +176,6 @@ class GripperCall(Command):
     def apply(self, controller: Controller) -> bytes:
         assert controller.gripper is not None, "the port is open only with a gripper"
         return self.session.answer(controller.gripper, self.requests)
-
-    @property
-    def failure(self) -> bytes:
-        return b""
 
 
 @dataclass(frozen=True, slots=True)

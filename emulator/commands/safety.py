@@ -22,12 +22,14 @@ class SetSafetyDevice(Command):
     active: bool
 
     def apply(self, controller: Controller) -> None:
-        controller.safety_board.set_device(self.device, self.active)
+        controller.safety_board.inputs.set_device(self.device, self.active)
 
 
 @dataclass(frozen=True, slots=True)
 class SetSafetyInput(Command):
     """Set both channels of a configurable safety input. Answer: False if no pins are assigned to the function."""
+
+    failure = False
 
     function: SafetyInput
     high: bool
@@ -38,10 +40,6 @@ class SetSafetyInput(Command):
         signals.digital_inputs = signals.digital_inputs | mask if self.high else signals.digital_inputs & ~mask
         return bool(mask)
 
-    @property
-    def failure(self) -> bool:
-        return False
-
 
 @dataclass(frozen=True, slots=True)
 class TripSafety(Command):
@@ -50,15 +48,13 @@ class TripSafety(Command):
     Causes that last as long as somebody holds them, such as an emergency stop, are devices: see `SetSafetyDevice`.
     """
 
+    failure = False
+
     cause: Cause
     joint: int | None = None
 
     def apply(self, controller: Controller) -> bool:
         return controller.safety_board.trip(self.cause, self.joint)
-
-    @property
-    def failure(self) -> bool:
-        return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +84,8 @@ class Jog(Command):
     Answer: False if the arm may not move, a program is running, or the speeds are not plausible.
     """
 
+    failure = False
+
     qd: Joints
 
     def apply(self, controller: Controller) -> bool:
@@ -100,7 +98,3 @@ class Jog(Command):
         else:
             controller.motion.commands.stopj(_JOG_RAD_S2)
         return True
-
-    @property
-    def failure(self) -> bool:
-        return False

@@ -275,5 +275,5 @@ class ModeVerbs(Verbs):
     def _set(self, device: SafetyDevice, active: bool) -> None:
         """Set the device and latch it now, so that the next verb finds the safety system in its new state."""
         board = self.controller.safety_board
-        board.set_device(device, active)
+        board.inputs.set_device(device, active)
         board.latch()

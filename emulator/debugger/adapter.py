@@ -135,7 +135,7 @@ class Adapter:
         if command == "initialize":
             self._event("initialized")
         if command in _BACKWARDS:
-            self._backwards(_BACKWARDS[command])
+            self._stopped(self._started.back(_BACKWARDS[command]))
 
     def _send(self, kind: str, content: dict[str, Any]) -> None:
         self._sequence += 1
@@ -289,9 +289,6 @@ class Adapter:
                 self._stopped(stop)
             if self._over:
                 return
-
-    def _backwards(self, mode: str) -> None:
-        self._stopped(self._started.back(mode))
 
     def _stopped(self, stop: Stop) -> None:
         self._pausing = False

@@ -107,7 +107,7 @@ class _Progress:
 
 
 def _keep(failed: "Sequence[Episode]", setting: Any, folder: Path) -> None:
-    from emulator.evaluation.failures import keep_failure
+    from emulator.evaluation.episodes import keep_failure
 
     for episode in failed:
         kept = keep_failure(setting, episode, folder / "failures")

@@ -20,13 +20,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from emulator.robot.chance import Chances
 from emulator.robot.collisions import CollisionWindows
 from emulator.robot.drives import Drives, TorqueCommand
-from emulator.robot.efforts import Efforts, IdealEfforts, JointMotion, currents, demanded
-from emulator.robot.flange_sensors import FlangeSensors, weight_difference
+from emulator.robot.efforts import Efforts, IdealEfforts, JointMotion, StaticFriction, currents, demanded
 from emulator.robot.installation import Installation, Payload
 from emulator.robot.motion_bounds import MotionBounds
 from emulator.robot.sensors import Sensors
-from emulator.robot.staticfriction import StaticFriction
-from emulator.robot.tool import ToolMotion, ToolState
+from emulator.robot.tool import FlangeSensors, ToolMotion, ToolState, weight_difference
 from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
 from urproto.robots.measured import drivetrain_of

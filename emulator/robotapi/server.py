@@ -18,7 +18,6 @@ from emulator.controller import Controller
 from emulator.mailbox import Command
 from emulator.robotapi.endpoints import OPERATIONS, Operation, Upload
 from emulator.robotapi.messages import ApiError, InvalidPart, ValidationError
-from emulator.robotapi.multipart import parts
 from emulator.robotapi.openapi import openapi
 from emulator.servers import http
 from emulator.servers.command_queue import CommandQueue
@@ -33,6 +32,9 @@ _METHODS_OF_URCAPS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _CALL_WORK: Final = 20  # [units of `urscript.work`], next to what HTTP costs
 _AT: Final = re.compile(r" - at `\$\.?([^`]*)`")
 _LOCAL_CONTROL: Final = "the robot is in local control: switch it to Remote Control on its pendant"
+_BOUNDARY: Final = re.compile(r'boundary=(?:"([^"]{1,70})"|([^\s;"]{1,70}))', re.IGNORECASE)
+_PART_NAME: Final = re.compile(r'(?:^|;)\s*name="([^"]*)"|(?:^|;)\s*name=([^\s;"]+)', re.IGNORECASE)
+_LINE_END: Final = b"\r\n"
 
 
 class RobotApiServer(PortServer):
@@ -161,7 +163,7 @@ def _arguments(operation: Operation, name: str, request: http.Request) -> tuple[
     if operation.upload:
         http.check_type(request, _FORM)
         try:
-            found = parts(request.headers["content-type"], request.body)
+            found = _parts_of(request.headers["content-type"], request.body)
         except ValueError as error:
             raise _InvalidRequestError(["body"], str(error)) from error
         if _FILE not in found:
@@ -193,3 +195,29 @@ def _check_origin(request: http.Request) -> None:
     origin = request.headers.get("origin")
     if origin is not None and urlsplit(origin).netloc != request.headers.get("host", ""):
         raise http.HttpError(http.FORBIDDEN, f"web pages of {origin[:100]} may not use the robot")
+
+
+def _parts_of(content_type: str, body: bytes) -> dict[str, bytes]:
+    """The parts of a form (RFC 7578) by name; the last one if a name occurs several times. Raises ValueError."""
+    match = _BOUNDARY.search(content_type)
+    if match is None:
+        raise ValueError("the content type names no boundary")
+    delimiter = b"--" + (match[1] or match[2]).encode("latin-1")
+    pieces = (_LINE_END + body).split(_LINE_END + delimiter)
+    if len(pieces) < 3 or not pieces[-1].startswith(b"--"):
+        raise ValueError("the form does not end with its boundary")
+    found = {}
+    for piece in pieces[1:-1]:
+        head, separator, content = piece.lstrip(b" \t").removeprefix(_LINE_END).partition(_LINE_END * 2)
+        if not separator:
+            raise ValueError("the headers of a part of the form are not terminated")
+        found[_part_name(head)] = content
+    return found
+
+
+def _part_name(head: bytes) -> str:
+    for line in head.decode("latin-1").split("\r\n"):
+        field, _, value = line.partition(":")
+        if field.strip().lower() == "content-disposition" and (match := _PART_NAME.search(value)):
+            return match[1] or match[2] or ""
+    raise ValueError("a part of the form has no name")

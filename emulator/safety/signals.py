@@ -67,6 +67,7 @@ class SafetyInputs:
         return True
 
     def set_device(self, device: SafetyDevice, active: bool) -> None:
+        """Press, open or release a device; takes effect in this period."""
         (self._active.add if active else self._active.discard)(device)
         self._seen, self._rising = -1, frozenset()
 
