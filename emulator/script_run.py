@@ -23,6 +23,7 @@ from urproto.entry import SUCCESS, TROUBLE, usage_error
 from urproto.robots import RobotModel
 from urproto.robots.model import Joints
 from urproto.text import number
+from urproto.vectors import as_six
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
 
@@ -245,8 +246,7 @@ def _joints(texts: Sequence[str], model: RobotModel) -> Joints:
     for joint, (angle, low, high) in enumerate(zip(angles, lowest, highest, strict=True)):
         if not low <= angle <= high:
             raise ValueError(f"joint {joint} cannot be at {angle:g} rad: give {low:g} to {high:g}")
-    a, b, c, d, e, f = angles
-    return a, b, c, d, e, f
+    return as_six(angles)
 
 
 async def _drive(
