@@ -89,11 +89,6 @@ class LocalWorkers:
     def room(self) -> int:
         return self._processes - len(self._busy)
 
-    @property
-    def pids(self) -> list[int]:
-        """Process ids of the processes that have a job."""
-        return [worker.process.pid or 0 for worker in self._busy]
-
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
         worker = self._idle.pop() if self._idle else self._start()
         self._next += 1

@@ -10,7 +10,6 @@ A command answers as the manual says even if there is nothing to do, because dri
 "unlock protective stop" blindly.
 """
 
-import inspect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -50,10 +49,6 @@ class DashboardCommand:
 
     form: replies.Command
     function: Callable[..., _Answer]
-
-    @property
-    def help(self) -> str:
-        return inspect.getdoc(self.function) or ""
 
 
 COMMANDS: Final[dict[str, DashboardCommand]] = {}  # by lower-case words

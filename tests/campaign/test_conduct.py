@@ -104,8 +104,9 @@ def test_a_killed_process_loses_and_duplicates_no_results(tmp_path: Path) -> Non
     killed: list[int] = []
 
     def kill(results: list[Result]) -> None:
-        if results and not killed and workers.pids:
-            killed.append(workers.pids[0])
+        pids = [worker.process.pid for worker in workers._busy if worker.process.pid]
+        if results and not killed and pids:
+            killed.append(pids[0])
             os.kill(killed[0], signal.SIGKILL)
 
     try:

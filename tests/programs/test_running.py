@@ -9,9 +9,9 @@ import pytest
 from tree_rig import Arm, line, main
 
 from emulator.commands.requests import RTDEInputs
-from emulator.commands.safety import TripSafety
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.causes import Cause
+from tests.commands import TripSafety
 from tests.rows import each_row
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage
