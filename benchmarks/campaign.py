@@ -10,9 +10,9 @@ from table import Table
 
 from emulator.campaign.conduct import Conductor
 from emulator.campaign.journal import Journal
-from emulator.campaign.local import LocalWorkers
 from emulator.campaign.plan import read_plan
 from emulator.campaign.work import installed_version
+from emulator.campaign.workers import LocalWorkers
 
 RUNS = 40
 PROGRAM = """def work():

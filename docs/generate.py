@@ -26,7 +26,7 @@ from emulator.builtins import LIBRARIES
 from emulator.commands.dashboard import COMMANDS
 from emulator.commands.text_commands import TEXT_COMMANDS
 from emulator.control.control import LiveControl
-from emulator.control.openapi import listing
+from emulator.control.http import listing
 from emulator.control.verbs import verbs_of
 from emulator.faults.catalogue import SUBJECTS, kinds
 from emulator.faults.fault import Fault

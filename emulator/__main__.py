@@ -6,7 +6,6 @@ from urproto.entry import run
 
 
 def main() -> None:
-    """Run the command line."""
     run(_command)
 
 

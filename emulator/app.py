@@ -26,8 +26,7 @@ from emulator.faults.catalogue import describe
 from emulator.faults.fault import Fault, FaultError, FaultImpossibleError, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.file import JournalWriter
-from emulator.journal.header import header_of
-from emulator.journal.recorder import Recorder
+from emulator.journal.recorder import Recorder, header_of
 from emulator.journal.replay import Replay, executed
 from emulator.journal.ring import Ring
 from emulator.journal.stops import StopJournals
@@ -35,16 +34,13 @@ from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
 from emulator.servers.cameras import CameraServer, has_cameras
-from emulator.servers.dashboard import DashboardServer
-from emulator.servers.gripper import GripperServer
-from emulator.servers.interpreter import InterpreterServer
-from emulator.servers.modbus import ModbusServer
 from emulator.servers.modbus_client import ModbusClient
 from emulator.servers.port import Port, PortServer
 from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.primary_state import robot_state
 from emulator.servers.program_state import ProgramReporter
 from emulator.servers.read_budget import ReadBudget
+from emulator.servers.requests import DashboardServer, GripperServer, InterpreterServer, ModbusServer
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort
 from emulator.servers.send_scheduler import STATES_PER_SECOND, SendScheduler
@@ -121,7 +117,6 @@ class Emulator:
         return self.clock.statistics if isinstance(self.clock, RealClock) else None
 
     def stop(self) -> None:
-        """Set ``stopped``."""
         self.stopped.set()
 
     async def __aenter__(self) -> Self:

@@ -83,7 +83,6 @@ class Copied:
         return result
 
     def close(self) -> None:
-        """End the process."""
         self._ended()
 
     def __enter__(self) -> Self:
@@ -123,7 +122,6 @@ class Branch(VerbMethods):
 
     @property
     def journal(self) -> bytes:
-        """The run so far, for ``ur-emulator replay``."""
         journal: bytes = self._copied.ask("journal")
         return journal
 
@@ -132,7 +130,6 @@ class Branch(VerbMethods):
         return Branch(self._copied.copy())
 
     def close(self) -> None:
-        """End the branch and its process."""
         self._copied.close()
 
     def __enter__(self) -> Self:

@@ -76,7 +76,6 @@ app = application()
 
 
 def main() -> None:
-    """Run the command line."""
     app(prog_name="ur-emulator-check")
 
 

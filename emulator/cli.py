@@ -13,8 +13,8 @@ from typing import Annotated, Any, Final
 import typer
 
 from emulator.logs import LogLevel, log_to_stderr
-from emulator.options import configure, errors_in_one_line, with_robot_options
-from urproto.commandline import Deferred, application, load_from, version_of
+from emulator.options import RobotOptions, configure, errors_in_one_line
+from urproto.commandline import Deferred, application, load_from, version_of, with_options_of
 from urproto.ports import LAST_PORT, PENDANT_PORT
 
 _COMMANDS: Final = (
@@ -56,12 +56,11 @@ app = application()
 
 
 def main() -> None:
-    """Run the command line."""
     app()
 
 
 @app.callback(invoke_without_command=True, subcommand_metavar="[COMMAND [ARGS]...]")
-@with_robot_options()
+@with_options_of(RobotOptions)
 def _run(
     robot: Mapping[str, Any],
     *,

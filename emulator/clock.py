@@ -1,7 +1,7 @@
 """The clocks that drive a controller; the only module that reads the time.
 
-A clock calls the tick once per control period: ``RealClock`` in real time, or a multiple of it; ``StepClock`` only when
-its ``step`` is called; ``FastClock`` as fast as possible.
+A clock calls the tick once per control period: ``RealClock`` in real time, or a multiple of it; ``FastClock`` as fast
+as possible.
 
 Deadlines are absolute, so lateness does not accumulate. After a late tick, the next ones follow at slightly less than
 the control period until they have caught up, but never in a burst: clients that expect a package every 2 ms treat two
@@ -43,17 +43,13 @@ class Clock(Protocol):
     """Drives a controller."""
 
     @property
-    def last_tick_s(self) -> float:
-        """How long the last tick took [s]."""
-        ...
+    def last_tick_s(self) -> float: ...
 
     def start(self, tick: Tick) -> None:
         """Start to call ``tick`` once per control period. Needs a running event loop."""
-        ...
 
     def close(self) -> None:
         """Stop the clock; does nothing if it is not running."""
-        ...
 
 
 @dataclass
@@ -69,7 +65,6 @@ class ClockStatistics:
     _bins: list[int] = field(default_factory=lambda: [0] * (_BINS + 1), repr=False)
 
     def record(self, lateness_ns: int, period_ns: int) -> None:
-        """Count one tick."""
         self.ticks += 1
         self._bins[min(max(lateness_ns, 0) // _BIN_NS, _BINS)] += 1
         if lateness_ns >= period_ns:
@@ -90,28 +85,6 @@ def _percentile(bins: Sequence[int], share: float) -> int:
         if seen >= wanted and count:
             return index + 1
     return 0
-
-
-class StepClock:
-    """Time advances only in ``step``: for tests, and for running as fast as possible."""
-
-    last_tick_s = 0.0
-
-    def __init__(self) -> None:
-        self._tick: Tick | None = None
-
-    def start(self, tick: Tick) -> None:
-        self._tick = tick
-
-    def step(self, periods: int = 1) -> None:
-        """Let control periods pass. Raises RuntimeError before ``start``."""
-        if self._tick is None:
-            raise RuntimeError("the clock was not started: enter the emulator's context first")
-        for _ in range(periods):
-            self._tick()
-
-    def close(self) -> None:
-        self._tick = None
 
 
 class RealClock:
@@ -162,7 +135,6 @@ class RealClock:
         self._late_s, self._late_for_good = seconds, not made_up
 
     def pause(self) -> None:
-        """Stop ticking until ``resume``."""
         self.paused = True
 
     def resume(self) -> None:

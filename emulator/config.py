@@ -2,7 +2,8 @@
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -60,6 +61,15 @@ _logger = logging.getLogger(__name__)
 
 class ConfigError(ValueError):
     """An option or a file is invalid, or does not fit the others."""
+
+
+@contextmanager
+def _refusing(kind: type[ValueError] = ValueError) -> Iterator[None]:
+    """Raise errors of this kind as ConfigErrors with the same text."""
+    try:
+        yield
+    except kind as error:
+        raise ConfigError(str(error)) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +196,9 @@ def controller_config(
     chosen, dynamic = choose_arm(model, polyscope, arm)
     if dynamic and find_spec("pinocchio") is None:
         _logger.warning("without Pinocchio, a dynamic arm takes five times the time: %s", how_to_install("pinocchio"))
-    version = choose_version(polyscope, chosen)
+    with _refusing():
+        version = robots.choose_version(polyscope, chosen)
+        driver = DriverAddress() if external_control is None else DriverAddress.parse(external_control)
     if fields.get("self_collision"):
         require_coal("--self-collision")
     identity = ControllerConfig(model=chosen, version=version, personality=Personality(personality))
@@ -201,7 +213,8 @@ def controller_config(
     else:
         surroundings = world
     if surroundings is not None:
-        check_surroundings(surroundings, chosen, q_rad)
+        with _refusing(WorldError):
+            surroundings.check(chosen, q_rad)
     return replace(
         identity,
         model=read_calibration(_path(calibration), chosen),
@@ -212,7 +225,7 @@ def controller_config(
         gripper=mounted,
         gripper_object_mm=gripper_object,
         safety=safety if isinstance(safety, SafetyConfiguration) else read_safety(_path(safety), chosen),
-        external_control=read_driver_address(external_control),
+        external_control=driver,
         world=surroundings,
         options=given,
         **{"dynamic": dynamic, **fields},
@@ -223,15 +236,13 @@ def _path(value: Path | str | None) -> Path | None:
     return None if value is None else Path(value)
 
 
+@_refusing()
 def choose_model(name: str | None, polyscope: str | None = None) -> RobotModel:
     """The arm of this name; by default a UR3, or a UR3e if the requested version is of the e-Series.
 
     Raises ConfigError listing the known arms.
     """
-    try:
-        return load_model((name or robots.default_model(polyscope)).lower())
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
+    return load_model((name or robots.default_model(polyscope)).lower())
 
 
 def choose_arm(name: str | None, polyscope: str | None, arm: str) -> tuple[RobotModel, bool]:
@@ -286,17 +297,6 @@ def read_yaml(path: Path) -> Any:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except InvalidYamlError as error:
         raise ConfigError(f"{path} is not YAML: {error}") from error
-
-
-def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
-    """The PolyScope version to report; by default the usual one of the series.
-
-    Raises ConfigError if the text is not a version, or one that never ran on this arm.
-    """
-    try:
-        return robots.choose_version(text, model)
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
 
 
 def read_initial_positions(path: Path, model: RobotModel) -> Joints:
@@ -378,19 +378,10 @@ def read_safety(path: Path | None, model: RobotModel) -> SafetyConfiguration | N
     if path == Path("factory"):
         return factory_configuration(model)
     try:
-        return load_safety_file(path, model)
-    except SafetySettingsError as error:
-        raise ConfigError(str(error)) from error
+        with _refusing(SafetySettingsError):
+            return load_safety_file(path, model)
     except (OSError, UnicodeError) as error:
         raise ConfigError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
-
-
-def read_driver_address(text: str | None) -> DriverAddress:
-    """The address from which External Control nodes request their program, or a part of it. Raises ConfigError."""
-    try:
-        return DriverAddress() if text is None else DriverAddress.parse(text)
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
 
 
 def read_surroundings(
@@ -412,22 +403,13 @@ def read_surroundings(
     if moves and object_mm is not None:
         raise ConfigError("with physics the gripper grips the objects of the world: leave out --gripper-object")
     try:
-        plan: Plan = read_world(path) if not moves else read_physics(path, gripper)
+        with _refusing(WorldFileError):
+            plan: Plan = read_world(path) if not moves else read_physics(path, gripper)
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except WorldFileError as error:
-        raise ConfigError(str(error)) from error
     if plan.links and not moves:
         require_coal(f"links: true in {path}")
     return plan
-
-
-def check_surroundings(plan: Plan, model: RobotModel, q_rad: Sequence[float]) -> None:
-    """Raises ConfigError if these objects do not fit around an arm with this joint configuration [rad]."""
-    try:
-        plan.check(model, q_rad)
-    except WorldError as error:
-        raise ConfigError(str(error)) from error
 
 
 def require_coal(option: str) -> None:

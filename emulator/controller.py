@@ -150,7 +150,7 @@ class Controller(Machine):
         self._publishing = False  # True at the beginning of a period: publishing the last one failed
         self._unpublished = True  # the last period has no snapshot yet
         self._instead: Snapshot | None = None  # shown until the next period
-        self._messages: tuple[RobotMessage | VariableMessage, ...] = ()  # of the last period
+        self.new_messages: tuple[RobotMessage | VariableMessage, ...] = ()  # of the last period
         self._arm_changed = self._simulated = False
         self._fault: MotionFault | None = None
         self._stages: tuple[tuple[str, Callable[[], None]], ...] = (
@@ -229,11 +229,6 @@ class Controller(Machine):
         """Show another snapshot until the next period."""
         self._instead = snapshot
 
-    @property
-    def new_messages(self) -> "tuple[RobotMessage | VariableMessage, ...]":
-        """Messages of the last period, as in its snapshot."""
-        return self._messages
-
     def tick(self) -> None:
         """Advance one control period; ``snapshot`` is the result. Raises nothing."""
         if (recorder := self.recorder) is not None:
@@ -247,7 +242,7 @@ class Controller(Machine):
                 stage()
             except Exception as error:
                 self.guard.caught(name, error)
-        self._messages, self._unpublished = self.messages.take(), True
+        self.new_messages, self._unpublished = self.messages.take(), True
         if self._subscribers or self.snapshot_hooks:
             self._tell_subscribers(self.published())
         if recorder is not None:
@@ -470,7 +465,7 @@ class Controller(Machine):
         snapshot.runtime_state = self.programs.state
         snapshot.program_running = snapshot.program_paused = False
         snapshot.robot_status_bits = 0
-        snapshot.messages = self._messages
+        snapshot.messages = self.new_messages
         self._snapshot = snapshot
 
     def _publish(self) -> None:
@@ -505,5 +500,5 @@ class Controller(Machine):
             snapshot = snapshot.successor()
             for hook in self.snapshot_hooks:
                 hook(snapshot)
-        snapshot.messages = self._messages
+        snapshot.messages = self.new_messages
         self._snapshot, self._publishing = snapshot, False

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from inspect import Parameter, signature
@@ -14,7 +14,7 @@ import typer
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
 from emulator.services.sockets import ScriptNetwork
-from urproto.commandline import completing, fail, with_options_of
+from urproto.commandline import completing, fail
 from urproto.facts import Personality
 from urproto.robots import MODELS
 
@@ -172,7 +172,6 @@ CONTROLLER_OPTIONS: Final[Mapping[str, Parameter]] = signature(ControllerOptions
 
 
 def help_of(name: str) -> str:
-    """The help text of an option."""
     option = ROBOT_OPTIONS[name].annotation.__metadata__[0]
     return str(option.help)
 
@@ -197,11 +196,6 @@ def with_ports(controller: "ControllerConfig", **options: Any) -> "EmulatorConfi
         faults=checked.read_faults(options.pop("fault", None) or ()),
         **options,
     )
-
-
-def with_robot_options(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of a robot in addition to its own, as a mapping in its first argument."""
-    return with_options_of(RobotOptions, without=without)
 
 
 @contextmanager

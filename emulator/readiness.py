@@ -11,7 +11,7 @@ import os
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from urproto.addresses import local_address
 from urproto.compat_asyncio import timeout
@@ -48,6 +48,8 @@ _RTDE_INPUT: Final = "speed_slider_mask"  # every driver writes it
 _SILENCE_S: Final = 0.5  # guess: longer than any network and any controller under load
 _UNCONFIRMED: Final = rows("safety_setup.unconfirmed")[0].value.encode()
 
+_T = TypeVar("_T")
+
 
 class NotReady(Exception):  # noqa: N818 - named for what is the case
     """A port does not answer like a controller."""
@@ -74,6 +76,12 @@ class _Stream:
     def send(self, data: bytes) -> None:
         self._writer.write(data)
 
+    async def receive(self, feed: Callable[[bytes], list[_T]]) -> list[_T]:
+        """Read until a decoder has something."""
+        while not (decoded := feed(await self.read())):
+            pass
+        return decoded
+
     async def read(self) -> bytes:
         data = await self._reader.read(_READ_BYTES)
         if not data:
@@ -81,15 +89,16 @@ class _Stream:
         return data
 
 
+_Handshake = Callable[[_Stream], Awaitable[str]]
+
+
 async def _dashboard(stream: _Stream) -> str:
     decoder = LineDecoder()
-    while not (lines := decoder.feed(await stream.read())):
-        pass
+    lines = await stream.receive(decoder.feed)
     if lines[0] != GREETING:
         raise NotReady(f"the greeting is {lines[0]!r}")
     stream.send(b"robotmode\n")
-    while not (lines := decoder.feed(await stream.read())):
-        pass
+    lines = await stream.receive(decoder.feed)
     if not lines[0].startswith("Robotmode: "):
         raise NotReady(f"the answer to robotmode is {lines[0]!r}")
     return lines[0]
@@ -112,8 +121,7 @@ async def _primary(stream: _Stream) -> str:
 
 async def _realtime(stream: _Stream) -> str:
     decoder = RealtimeDecoder()
-    while not decoder.feed(await stream.read()):
-        pass
+    await stream.receive(decoder.feed)
     return "state packages"
 
 
@@ -202,8 +210,7 @@ async def _interpreter(stream: _Stream) -> str:
     """Query the last executed statement; without a program the answer says so, which is just as good."""
     decoder = StatementDecoder()
     stream.send(b"statelastexecuted\n")
-    while not (lines := decoder.feed(await stream.read())):
-        pass
+    lines = await stream.receive(decoder.feed)
     if isinstance(lines[0], TooLong) or parse_answer(lines[0]).line != "statelastexecuted":
         raise NotReady(f"the answer to statelastexecuted is {lines[0]!r}")
     return "answers"
@@ -214,8 +221,7 @@ async def _modbus(stream: _Stream) -> str:
     decoder = FrameDecoder()
     request = ModbusRequest(Function.READ_HOLDING_REGISTERS, 256)
     stream.send(encode_frame(Frame(1, 255, encode_request(request))))
-    while not (frames := decoder.feed(await stream.read())):
-        pass
+    frames = await stream.receive(decoder.feed)
     try:
         decode_response(request, frames[0].pdu)
     except ModbusException as error:
@@ -238,32 +244,20 @@ async def _gripper(stream: _Stream) -> str:
     return "answers"
 
 
-async def _control(stream: _Stream) -> str:
-    """Query the health, which needs no token."""
-    await _get(stream, "/health")
-    return "this is an emulator"
+def _get(path: str, text: str = "answers") -> _Handshake:
+    """Query what a web server has under this path."""
+
+    async def query(stream: _Stream) -> str:
+        stream.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
+        answer = await stream.read()
+        if not answer.startswith(b"HTTP/1.1 200 "):
+            raise NotReady(f"the answer to GET {path} is {answer[:40]!r}")
+        return text
+
+    return query
 
 
-async def _cameras(stream: _Stream) -> str:
-    """Query the list of cameras, for which nothing is rendered."""
-    await _get(stream, "/cameras")
-    return "answers"
-
-
-async def _robot_api(stream: _Stream) -> str:
-    """Query the list of URCaps: software before 10.11 offers nothing else."""
-    await _get(stream, URCAPS)
-    return "answers"
-
-
-async def _get(stream: _Stream, path: str) -> None:
-    stream.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
-    answer = await stream.read()
-    if not answer.startswith(b"HTTP/1.1 200 "):
-        raise NotReady(f"the answer to GET {path} is {answer[:40]!r}")
-
-
-_HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[str]]]] = {
+_HANDSHAKES: Final[Mapping[str, _Handshake]] = {
     "dashboard": _dashboard,
     "primary": _primary,
     "secondary": _primary,
@@ -273,9 +267,9 @@ _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[str]]]] = {
     "interpreter": _interpreter,
     "tool line": _tool_line,
     "gripper": _gripper,
-    "control": _control,
-    "cameras": _cameras,
-    "robot api": _robot_api,
+    "control": _get("/health", "this is an emulator"),  # needs no token
+    "cameras": _get("/cameras"),  # the list: nothing is rendered
+    "robot api": _get(URCAPS),  # software before 10.11 offers nothing else
 }
 
 
@@ -319,9 +313,7 @@ async def _script(stream: _Stream) -> str:
                 return "runs"
 
 
-async def _probe(
-    name: str, host: str, port: int, timeout_s: float, handshake: Callable[[_Stream], Awaitable[str]]
-) -> Finding:
+async def _probe(name: str, host: str, port: int, timeout_s: float, handshake: _Handshake) -> Finding:
     try:
         async with timeout(timeout_s):
             reader, writer = await asyncio.open_connection(host, port)

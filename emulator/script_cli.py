@@ -29,7 +29,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def make_parser() -> ArgumentParser:
-    """The parser of the whole command line."""
     parser = ArgumentParser(prog="urscript", description="Check, run and test URScript programs.")
     parser.add_argument("--version", action="version", version=f"urscript {_version()}")
     commands = parser.add_subparsers(dest="command", required=True)

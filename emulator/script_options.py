@@ -18,7 +18,6 @@ def add_controller_options(parser: ArgumentParser) -> None:
 
 
 def add_run_options(parser: ArgumentParser) -> None:
-    """Add the options of ``urscript run``."""
     parser.add_argument("file", metavar="FILE", help="file of URScript programs; - for standard input")
     add_controller_options(parser)
     parser.add_argument(

@@ -1,7 +1,6 @@
 """Implements ``urscript run``: runs a file of URScript programs on an arm that is ready, without servers."""
 
 import asyncio
-import math
 import re
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,6 +22,8 @@ from emulator.services.sockets import ScriptNetwork
 from urproto.entry import SUCCESS, TROUBLE, usage_error
 from urproto.robots import RobotModel
 from urproto.robots.model import Joints
+from urproto.text import number
+from urproto.vectors import as_six
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
 
@@ -174,8 +175,7 @@ class Setup:
 def _record(controller: Controller) -> None:
     """Record a controller in memory, from now on."""
     from emulator.journal.file import JournalWriter, MemorySink  # would take a part of the start-up time, too
-    from emulator.journal.header import header_of
-    from emulator.journal.recorder import Recorder
+    from emulator.journal.recorder import Recorder, header_of
 
     memory = MemorySink()
     Recorder(JournalWriter(memory), header_of(controller.config), memory).attach(controller)
@@ -187,7 +187,7 @@ def _paged(page: Path | None, file: ScriptFile, controller: Controller) -> Itera
     if page is None:
         yield lambda: None
         return
-    from emulator.journal.header import product_version  # as above
+    from emulator.journal.recorder import product_version  # as above
     from emulator.journal.trace import Tracer
     from urproto.trace.page import library, packed, write_page
 
@@ -226,38 +226,27 @@ def stimulus(text: str, known: Mapping[str, Known] = _INPUTS | _REGISTERS) -> St
     match = _NUMBERED.fullmatch(text)
     if match is None:
         raise ValueError(f"{text!r} is not of the form NAME=VALUE or NAME=VALUE@SECONDS")
-    kind, number = match[1], int(match[2])
-    if kind not in known or number >= known[kind][0]:
+    kind, index = match[1], int(match[2])
+    if kind not in known or index >= known[kind][0]:
         names = ", ".join(f"{name}0 to {count - 1}" for name, (count, *_) in known.items())
-        raise ValueError(f"there is no {kind}{number}: choose from {names}")
+        raise ValueError(f"there is no {kind}{index}: choose from {names}")
     value = _TRUTHS.get(match[3].lower())
-    value = _number(match[3]) if value is None else value
+    value = number(match[3]) if value is None else value
     _, verb, arguments = known[kind]
     level = {"level": bool(value)} if verb == "set_digital_input" else {"value": value}
     if kind == "int" and not (value.is_integer() and abs(value) < 2**31):
         raise ValueError(f"{text!r}: an int register takes a 32-bit integer")
-    return Stimulus(_number(match[4] or "0"), verb, {**arguments, "index": number, **level})
+    return Stimulus(number(match[4] or "0"), verb, {**arguments, "index": index, **level})
 
 
 def _joints(texts: Sequence[str], model: RobotModel) -> Joints:
     """Six joint angles [rad] within the joint limits. Raises ValueError."""
-    angles = [_number(text) for text in texts]
+    angles = [number(text) for text in texts]
     lowest, highest = model.position_limits
-    for number, (angle, low, high) in enumerate(zip(angles, lowest, highest, strict=True)):
+    for joint, (angle, low, high) in enumerate(zip(angles, lowest, highest, strict=True)):
         if not low <= angle <= high:
-            raise ValueError(f"joint {number} cannot be at {angle:g} rad: give {low:g} to {high:g}")
-    a, b, c, d, e, f = angles
-    return a, b, c, d, e, f
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"{text!r} is not a number")
-    return value
+            raise ValueError(f"joint {joint} cannot be at {angle:g} rad: give {low:g} to {high:g}")
+    return as_six(angles)
 
 
 async def _drive(

@@ -204,7 +204,6 @@ class Snapshot:
         return copy
 
     def values(self) -> dict[str, Any]:
-        """All values by name."""
         return {name: getattr(self, name) for name in NAMES}
 
     def __eq__(self, other: object) -> bool:
@@ -241,7 +240,6 @@ class Marked:
         return changed
 
     def mark(self) -> None:
-        """Mark as changed."""
         vars(self)["_changed"] = True
 
 

@@ -60,12 +60,13 @@ class Startup:
         wanted = machine.installation.file.default_program
         if wanted is not self._settings:
             self._settings, self._path = wanted, ProgramsFolder(machine.config.programs_dir).find(wanted.name)
-        if self._release.switched(wanted.release_brakes) and not machine.power.running:
-            self._act(wanted.release_brakes, "release the brakes", self._release_brakes)
+        release = wanted.release_brakes
+        if self._release.switched(release) and not machine.power.running:
+            self._act(release, "release the brakes", lambda: machine.power_event(PowerEvent.BRAKE_RELEASE))
         if wanted.start is not None and not self._start.known and not self._ready():
             return  # the input is first read when the program can be started: then the level alone is sufficient
         if self._start.switched(wanted.start) and self._start_allowed and self._ready():
-            self._act(wanted.start, "start the default program", self._play)
+            self._act(wanted.start, "start the default program", self._programs.play)
 
     # booting
 
@@ -110,17 +111,11 @@ class Startup:
         loaded = programs.loaded is not None and programs.loaded.path == self._path
         return loaded and programs.state is RuntimeState.STOPPED and self._machine.may_play
 
-    def _act(self, trigger: InputTrigger | None, purpose: str, act: Callable[[], None]) -> None:
+    def _act(self, trigger: InputTrigger | None, purpose: str, act: Callable[[], object]) -> None:
         if trigger is None or self._machine.local_control:
             return
         self._machine.messages.note(f"{trigger.pin} is {'high' if trigger.level else 'low'}: {purpose}")
         act()
-
-    def _release_brakes(self) -> None:
-        self._machine.power_event(PowerEvent.BRAKE_RELEASE)
-
-    def _play(self) -> None:
-        self._programs.play()
 
     def _report(self, text: str) -> None:
         self._machine.messages.note(text)

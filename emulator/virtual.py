@@ -44,7 +44,6 @@ class _VirtualMachine(ControlledRobot):
         self._power_requested = False
 
     def switch_on(self, boot_s: float) -> None:
-        """Boot a new controller, whose uptime begins at 0."""
         self._power_requested, self._boot_s = True, boot_s
 
     @property

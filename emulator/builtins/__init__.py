@@ -29,26 +29,8 @@ from urscript.library import LIBRARIES as PURE_LIBRARIES
 
 __all__ = ["LIBRARIES"]
 
-LIBRARIES: Final[list[Library]] = [
-    *PURE_LIBRARIES,
-    motion.LIBRARY,
-    compliance.LIBRARY,
-    pathoffset.LIBRARY,
-    conveyor.LIBRARY,
-    state.LIBRARY,
-    kinematics.LIBRARY,
-    setup.LIBRARY,
-    io.LIBRARY,
-    ioconfig.LIBRARY,
-    registers.LIBRARY,
-    sockets.LIBRARY,
-    rpc.LIBRARY,
-    modbus.LIBRARY,
-    messages.LIBRARY,
-    flow.LIBRARY,
-    interpreter.LIBRARY,
-    tuning.LIBRARY,
-    baselight.LIBRARY,
-    worldmodel.LIBRARY,
-    refused.LIBRARY,
-]
+_CHAPTERS: Final = (
+    *(motion, compliance, pathoffset, conveyor, state, kinematics, setup, io, ioconfig, registers),
+    *(sockets, rpc, modbus, messages, flow, interpreter, tuning, baselight, worldmodel, refused),
+)
+LIBRARIES: Final[list[Library]] = [*PURE_LIBRARIES, *(chapter.LIBRARY for chapter in _CHAPTERS)]

@@ -42,7 +42,7 @@ def force_mode(
         raise RuntimeFault(f"force_mode: type must be 1, 2 or 3, not {type_}")
     if any(axis not in (0, 1) for axis in selection_vector):
         raise RuntimeFault(f"force_mode: selection_vector must contain only 0 and 1, not {list(selection_vector)}")
-    _main_only(host, "force_mode")
+    host.check_main("force_mode")
     with within_range():
         host.motion.force_control.force_mode(
             as_six(task_frame), as_six(selection_vector), as_six(wrench), type_, as_six(limits)
@@ -94,7 +94,7 @@ def screw_driving(host: ProgramHost, f: Num, v_limit: Num) -> None:
         raise RuntimeFault(f"screw_driving: f must be a force [N], not {f}")
     if not (math.isfinite(v_limit) and v_limit > 0):
         raise RuntimeFault(f"screw_driving: v_limit must be greater than 0 [m/s], not {v_limit}")
-    _main_only(host, "screw_driving")
+    host.check_main("screw_driving")
     host.motion.force_control.screw_driving(float(f), float(v_limit))
 
 
@@ -114,7 +114,7 @@ def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: An
     """
     if len(freeAxes) != 6 or any(axis not in (0, 1) for axis in freeAxes):
         raise RuntimeFault("freedrive_mode: freeAxes must be a list of six numbers, each 0 or 1")
-    _main_only(host, "freedrive_mode")
+    host.check_main("freedrive_mode")
     host.motion.commands.freedrive(as_six(freeAxes), _feature(feature))
 
 
@@ -219,11 +219,6 @@ def _feature(feature: Any) -> Vector6 | None:
     if not isinstance(feature, Pose):
         raise RuntimeFault('freedrive_mode: feature must be a pose, "base" or "tool"')
     return as_six(numbers(feature, 6, "freedrive_mode: feature"))
-
-
-def _main_only(host: ProgramHost, name: str) -> None:
-    if host.secondary:
-        raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
 
 
 def _check_range(name: str, value: float, most: float) -> None:

@@ -66,7 +66,7 @@ def set_conveyor_tick_count(host: ProgramHost, tick_count: Num, absolute_encoder
 @LIBRARY.builtin(cb3=_CB3, e=_E, note="filtered counts of an encoder fed by the program wrap around its own range")
 def encoder_get_tick_count(host: ProgramHost, encoder_index: Int, opt: Str = "") -> float:
     """Interpolated count of encoder 0 or 1, 0 to 65536 when pulses are decoded; `opt` "raw" for the plain count."""
-    encoder = _encoder(host, encoder_index)
+    encoder = host.machine.encoders[encoder_index]
     if opt not in ("", "raw"):
         raise RuntimeFault(f'encoder_get_tick_count: opt must be "" or "raw", not "{opt}"')
     return encoder.raw if opt == "raw" else encoder.count
@@ -75,13 +75,13 @@ def encoder_get_tick_count(host: ProgramHost, encoder_index: Int, opt: Str = "")
 @LIBRARY.builtin()
 def get_conveyor_tick_count(host: ProgramHost) -> float:
     """Old name of encoder_get_tick_count() for encoder 0."""
-    return _encoder(host, 0).count
+    return host.machine.encoders[0].count
 
 
 @LIBRARY.builtin(cb3=_CB3, e=_E)
 def encoder_unwind_delta_tick_count(host: ProgramHost, encoder_index: Int, delta_tick_count: Num) -> float | None:
     """A difference of counts, corrected for a wrap-around in between; None while the encoder is not enabled."""
-    encoder = _encoder(host, encoder_index)
+    encoder = host.machine.encoders[encoder_index]
     return float(encoder.unwound(delta_tick_count)) if encoder.enabled else None
 
 
@@ -146,19 +146,14 @@ def _decode(host: ProgramHost, name: str, index: int, decoder_type: int, a: int,
     host.machine.encoders.decode(index, decoder, a, second)
 
 
-def _encoder(host: ProgramHost, index: int) -> Encoder:
-    return host.machine.encoders[index]
-
-
 def _checked(host: ProgramHost, name: str, ticks: float, encoder_index: int) -> Encoder:
     if not math.isfinite(ticks) or ticks == 0:
         raise RuntimeFault(f"{name}: the number of ticks must be finite and other than 0, not {ticks}")
-    return _encoder(host, encoder_index)
+    return host.machine.encoders[encoder_index]
 
 
 def _track(host: ProgramHost, name: str, conveyor: Source) -> None:
-    if host.secondary:
-        raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
+    host.check_main(name)
     host.motion.superposition.track(conveyor)
 
 

@@ -152,7 +152,6 @@ class ProgramHost:
 
     @property
     def runtime(self) -> Runtime:
-        """The interpreter of this program."""
         assert self._runtime is not None, "a host is attached before its program runs"
         return self._runtime
 
@@ -168,7 +167,6 @@ class ProgramHost:
 
     @property
     def arm(self) -> Arm:
-        """The measured arm."""
         return self.machine.arm
 
     @property
@@ -219,6 +217,11 @@ class ProgramHost:
         path offset or tracking: movements that rely on it would lead elsewhere.
         """
         return self._motion_control
+
+    def check_main(self, name: str) -> None:
+        """Raises RuntimeFault, naming the built-in, for a secondary program, which cannot control the robot."""
+        if self.secondary:
+            raise RuntimeFault(f"{name}: a secondary program cannot control the robot")
 
     def until_ready(self, move: Move) -> Frames[None]:
         """Wait until the program may continue after a movement, for at least one frame unless it is timeless.

@@ -19,8 +19,7 @@ def path_offset_enable(host: ProgramHost) -> None:
 
     Active during movements and at rest, until path_offset_disable() or the program's end.
     """
-    if host.secondary:
-        raise RuntimeFault("path_offset_enable: a secondary program cannot control the robot")
+    host.check_main("path_offset_enable")
     host.motion.superposition.enable_path_offset()
 
 

@@ -8,8 +8,13 @@ from collections.abc import Generator
 from typing import Final
 
 from emulator.builtins.host import Frames, ProgramHost
-from emulator.builtins.remote.httpclient import HttpConnection, HttpUrl, RemoteConnection, RemoteError
-from emulator.builtins.remote.pstream import PacketConnection
+from emulator.builtins.remote.connections import (
+    HttpConnection,
+    HttpUrl,
+    PacketConnection,
+    RemoteConnection,
+    RemoteError,
+)
 from emulator.builtins.remote.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from urscript.builtins import Library
 from urscript.compiler import STRUCT

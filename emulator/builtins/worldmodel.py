@@ -7,7 +7,6 @@ from emulator.motion.tracking import FrameTracking
 from emulator.robot.worldmodel import MassProperties, WorldModel
 from urproto.vectors import as_six
 from urscript.builtins import Library
-from urscript.errors import RuntimeFault
 from urscript.values import ListArg, Num, Pose, PoseArg, Str
 
 LIBRARY = Library("worldmodel", host=True, physical=True, faults=OUT_OF_RANGE)
@@ -114,8 +113,7 @@ def frame_tracking_enable(host: ProgramHost, frame_name: Str) -> None:
     Poses refer to the time when tracking began. A frame that the arm itself carries cannot be tracked. Stays
     active until frame_tracking_disable() or the program's end.
     """
-    if host.secondary:
-        raise RuntimeFault("frame_tracking_enable: a secondary program cannot control the robot")
+    host.check_main("frame_tracking_enable")
     world = _world(host)
     host.motion.superposition.track_frame(FrameTracking(frame_name, lambda: world.in_base(frame_name)))
 

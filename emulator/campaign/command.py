@@ -1,24 +1,24 @@
-"""``ur-emulator campaign``: many runs of programs or tests in virtual time."""
+"""``ur-emulator campaign``: many runs of programs or tests in virtual time, and their progress."""
 
 import sys
+import time
+from collections import deque
 from contextlib import closing
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from shlex import join
 from shutil import rmtree
-from typing import Annotated, Final
+from typing import Annotated, Final, TextIO
 
 import typer
 
-from emulator.campaign.cluster import RayWorkers
 from emulator.campaign.conduct import Conductor, first_failures, simplest
-from emulator.campaign.jobs import Workers
 from emulator.campaign.journal import FAILED_RUNS, Journal, write_parquet
-from emulator.campaign.local import LocalWorkers
 from emulator.campaign.plan import Plan, Run, read_plan
-from emulator.campaign.progress import Progress
 from emulator.campaign.report import Summary, write_report
-from emulator.campaign.work import installed_version
+from emulator.campaign.work import Result, Status, installed_version
+from emulator.campaign.workers import LocalWorkers, RayWorkers, Workers
 from emulator.config import ConfigError
 from emulator.options import errors_in_one_line
 from emulator.realtime import usable_cores
@@ -30,6 +30,9 @@ _INTERRUPTED: Final = 130  # as in shells
 _PREVIEW: Final = 10  # commands that --dry-run shows
 
 app = application(completion=False)
+_TERMINAL_S: Final = 0.5  # between two lines
+_FILE_S: Final = 10.0
+_WINDOW_S: Final = 60.0  # over which the rate is averaged: the number of machines may change
 
 
 @app.command()
@@ -113,3 +116,58 @@ def _conclude(summary: Summary, folder: Path) -> None:
     typer.echo(f"{counts}: {folder / 'report.html'}, {folder / 'results.parquet'}")
     if summary.passed < summary.runs:
         raise typer.Exit(_FAILED)
+
+
+@dataclass
+class Progress:
+    """Shows the progress. total: number of runs; done: runs that had a result before."""
+
+    total: int
+    done: int
+    out: TextIO
+    _failed: int = 0
+    _marks: deque[tuple[float, int, float]] = field(default_factory=deque)  # time, runs, robot time
+    _robot_s: float = 0.0
+    _printed_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._marks.append((time.monotonic(), self.done, 0.0))
+        self._printed_s = self._marks[0][0]
+
+    def update(self, results: list[Result]) -> None:
+        """Add new results, if any, and update the line when it is due."""
+        self.done += len(results)
+        self._failed += sum(result.status is not Status.PASSED for result in results)
+        self._robot_s += sum(result.robot_s or 0.0 for result in results)
+        now = time.monotonic()
+        if now - self._printed_s >= (_TERMINAL_S if self.out.isatty() else _FILE_S):
+            self._printed_s = now
+            self._print_line(now)
+
+    def finish(self) -> None:
+        if self.out.isatty():
+            self.out.write("\r\x1b[K")
+            self.out.flush()
+
+    def _print_line(self, now: float) -> None:
+        self._marks.append((now, self.done, self._robot_s))
+        while len(self._marks) > 2 and now - self._marks[0][0] > _WINDOW_S:
+            self._marks.popleft()
+        began, done, robot_s = self._marks[0]
+        text = f"{self.done:,} of {self.total:,} runs, {self._failed:,} failed"
+        if self.done > done:
+            left_s = (self.total - self.done) * (now - began) / (self.done - done)
+            text += f", {duration(left_s)} left"
+        if self._robot_s > robot_s:
+            text += f", {(self._robot_s - robot_s) / (now - began):,.0f} robot seconds per second"
+        self.out.write(f"\r\x1b[K{text}" if self.out.isatty() else f"{text}\n")
+        self.out.flush()
+
+
+def duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = seconds / 60
+    if minutes < 90:
+        return f"{minutes:.0f} min"
+    return f"{minutes / 60:.1f} h" if minutes < 48 * 60 else f"{minutes / 1440:.1f} days"

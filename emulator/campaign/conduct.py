@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from emulator.campaign.jobs import Lost, Workers
 from emulator.campaign.journal import Journal
 from emulator.campaign.minimise import kind_of
 from emulator.campaign.plan import Plan, Run
 from emulator.campaign.work import Result, Status, carry_out, simplify
+from emulator.campaign.workers import Lost, Workers
 
 _PORTION_S: Final = 2.0  # of work; distributing one takes milliseconds
 _LARGEST: Final = 500  # runs in a portion, which are repeated when a process dies

@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
+from shlex import join
 from typing import Any, Final
 
 import msgspec
@@ -102,7 +103,6 @@ class Journal:
         os.fsync(self._file.fileno())
 
     def _resume(self) -> None:
-        """Continue with the results in the file."""
         self._truncate_partial_line()
         with self.path.open("rb") as lines:
             try:
@@ -156,8 +156,6 @@ def write_parquet(journal: Journal, plan: Plan, target: Path) -> None:
 
 
 def _row(plan: Plan, result: Result) -> dict[str, Any]:
-    from shlex import join
-
     place = plan.place(result.run)
     values = {axis.name: shown(axis, index) for axis, index in zip(plan.axes, place, strict=True)}
     return msgspec.structs.asdict(result) | values | {"command": join(plan.command(plan.run(result.run)))}

@@ -70,7 +70,6 @@ class Axis(msgspec.Struct, frozen=True):
         return self.values.count if isinstance(self.values, Numbers) else len(self.values)
 
     def value(self, index: int) -> Any:
-        """One of its values."""
         return self.values.first + index if isinstance(self.values, Numbers) else self.values[index]
 
 
@@ -97,7 +96,6 @@ class Plan(msgspec.Struct, frozen=True):
         return prod(len(axis) for axis in self.axes)
 
     def run(self, number: int) -> Run:
-        """The run of this number."""
         return self.run_at(number, self.place(number))
 
     def place(self, number: int) -> tuple[int, ...]:
@@ -109,7 +107,6 @@ class Plan(msgspec.Struct, frozen=True):
         return tuple(reversed(indexes))
 
     def run_at(self, number: int, place: Sequence[int]) -> Run:
-        """The run with these values of the axes."""
         options = dict(self.options)
         target = ""
         for axis, index in zip(self.axes, place, strict=True):
@@ -243,7 +240,6 @@ def _items(value: Any) -> list[Any]:
 
 
 def _texts(value: Any) -> set[str]:
-    """Every text in a value."""
     if isinstance(value, str):
         return {value}
     if isinstance(value, Mapping):

@@ -43,7 +43,6 @@ class Summary:
 
     @classmethod
     def of(cls, plan: Plan, results: Iterable[Result]) -> "Summary":
-        """Summarise all results of a plan."""
         summary = cls()
         for result in results:
             summary._add(plan, result)
@@ -136,7 +135,6 @@ def _run_row(plan: Plan, result: Result) -> str:
 
 
 def _opened(name: str) -> str:
-    """How a file of a run is opened."""
     return f" <code>ur-emulator trace {escape(quote_word(name))}</code>" if name.endswith(".journal") else ""
 
 

@@ -56,7 +56,6 @@ class Result(msgspec.Struct, frozen=True):
 
 
 def installed_version() -> str:
-    """The version of this project on this machine."""
     return version("ur-emulator")
 
 

@@ -10,7 +10,6 @@ A command answers as the manual says even if there is nothing to do, because dri
 "unlock protective stop" blindly.
 """
 
-import inspect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -50,11 +49,6 @@ class DashboardCommand:
 
     form: replies.Command
     function: Callable[..., _Answer]
-
-    @property
-    def help(self) -> str:
-        """What the command does."""
-        return inspect.getdoc(self.function) or ""
 
 
 COMMANDS: Final[dict[str, DashboardCommand]] = {}  # by lower-case words
@@ -213,7 +207,6 @@ def program_state(controller: Controller) -> str:
 
 
 def program_state_word(controller: Controller) -> Literal["STOPPED", "PLAYING", "PAUSED"]:
-    """The state of the running program, in one of three words."""
     state = controller.programs.state
     if state in (RuntimeState.STOPPED, RuntimeState.STOPPING):
         return "STOPPED"

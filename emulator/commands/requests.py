@@ -11,8 +11,6 @@ from emulator.devices.gripper_requests import GripperSession
 from emulator.fieldbus import modbus_map, rtde_inputs
 from emulator.lifecycle.runstate import READ_ONLY_SOCKET
 from emulator.mailbox import Command, deliver
-from emulator.robot.installation import Payload
-from emulator.snapshot import plausible
 from urproto.dashboard import failed
 from urproto.modbus import ExceptionCode, exception_response
 from urproto.robotiq import Request as GripperRequest
@@ -109,45 +107,6 @@ class RTDEInputs(Command):
 
 
 @dataclass(frozen=True, slots=True)
-class PopupAnswer(Command):
-    """An operator's answer to a popup or a question; None cancels a question.
-
-    Answer: whether this dialogue was open and the value has the requested type.
-    """
-
-    request_id: int
-    value: Any
-
-    def apply(self, controller: Controller) -> bool:
-        try:
-            return controller.popups.answer(self.request_id, self.value)
-        except ValueError as error:
-            controller.messages.note(f"answer rejected: {error}")
-            return False
-
-
-@dataclass(frozen=True, slots=True)
-class MountPayload(Command):
-    """Set the true payload of the flange, independent of the one that programs set; None: the same as programs set.
-
-    Raises ValueError for a negative mass or moment of inertia, and for numbers that are not finite.
-    """
-
-    payload: Payload | None
-
-    def __post_init__(self) -> None:
-        payload = self.payload
-        if payload is None:
-            return
-        numbers = (payload.mass, *payload.cog, *payload.inertia)
-        if not plausible(*numbers) or min(payload.mass, *payload.inertia[:3]) < 0.0:
-            raise ValueError(f"{payload} is not a payload: mass and moments of inertia must be finite and at least 0")
-
-    def apply(self, controller: Controller) -> None:
-        controller.simulation.real.mounted = self.payload
-
-
-@dataclass(frozen=True, slots=True)
 class ModbusCall(Command):
     """A request to the Modbus server: function code and data. Answer: function code and data of the response."""
 
@@ -168,6 +127,7 @@ class GripperCall(Command):
     """Requests of one client of the gripper. Answer: the bytes to send back."""
 
     price = _REGISTERS_WORK
+    failure = b""
 
     requests: tuple[GripperRequest, ...]
     session: GripperSession
@@ -175,10 +135,6 @@ class GripperCall(Command):
     def apply(self, controller: Controller) -> bytes:
         assert controller.gripper is not None, "the port is open only with a gripper"
         return self.session.answer(controller.gripper, self.requests)
-
-    @property
-    def failure(self) -> bytes:
-        return b""
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,7 +60,6 @@ class Condition:
         return all(term(snapshot) for term in self.terms)
 
     def margin(self, snapshot: Snapshot) -> float:
-        """The least margin of its terms."""
         return min(term.margin(snapshot) for term in self.terms)
 
 

@@ -190,7 +190,6 @@ class Control(VerbMethods):
         return self._robot.controller
 
     def _take(self, subject: Verbs) -> None:
-        """Add the verbs of a subject as methods."""
         for name, method in methods_of(subject).items():
             vars(self)[name] = self._recorded(name, method) if subject.changes else method
 

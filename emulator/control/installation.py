@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from emulator.control.verbs import ControlledRobot, Verbs, Waiting, verb
 from emulator.controller import Controller
-from emulator.programs.own_folder import ensure_programs_folder
+from emulator.programs.loading import ensure_programs_folder
 from emulator.services.urcap import DriverAddress
 from emulator.workshare import in_periods
 from urproto.controlapi import BadArguments, NotPossible

@@ -48,7 +48,6 @@ class Metric:
     values: Mapping[str, float]
 
     def lines(self) -> Iterator[str]:
-        """Its lines in the text format."""
         name = self.name if self.name.startswith("process_") else _PREFIX + self.name
         yield f"# HELP {name} {self.help}"
         yield f"# TYPE {name} {self.kind}"

@@ -3,7 +3,6 @@
 from math import isfinite
 from typing import Any, Final, Literal
 
-from emulator.commands.safety import Jog, SetSafetyInput
 from emulator.control.verbs import Verbs, Waiting, refusing, verb
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP, StopCause
@@ -12,7 +11,7 @@ from emulator.safety.causes import CAUSES, Cause
 from emulator.safety.signals import SafetyDevice
 from emulator.snapshot import plausible
 from urproto.controlapi import BadArguments, NotPossible
-from urproto.modes import AnalogDomain
+from urproto.modes import AnalogDomain, RuntimeState
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.text import unknown
 from urproto.vectors import Vector6
@@ -24,6 +23,7 @@ Domain = Literal["current", "voltage"]
 Register = Literal["bit", "int", "double"]
 
 _GROUPS: Final[dict[str, DigitalGroup]] = {group.name: group for group in (STANDARD, CONFIGURABLE, TOOL)}
+_JOG_RAD_S2: Final = 1.4
 _BUTTONS = {"robot": SafetyDevice.EMERGENCY_STOP, "system": SafetyDevice.SYSTEM_EMERGENCY_STOP}
 
 
@@ -156,9 +156,11 @@ class ModeVerbs(Verbs):
     @verb
     def reset_safeguard(self) -> None:
         """Press the safeguard reset button; the program resumes if the gate is closed."""
-        if not SetSafetyInput(SafetyInput.SAFEGUARD_RESET, high=False).apply(self.controller):
+        pins = self.controller.safety_board.inputs.pins_of(SafetyInput.SAFEGUARD_RESET)
+        if not pins:
             raise NotPossible("no input is assigned to the safeguard reset: the program resumes without it")
-        return self._wait(self._rise(SafetyInput.SAFEGUARD_RESET))
+        self.controller.signals.digital_inputs &= ~pins
+        return self._wait(self._rise(pins))
 
     @verb
     def set_safety_device(self, device: Device, active: bool) -> None:
@@ -246,8 +248,14 @@ class ModeVerbs(Verbs):
     @verb
     def jog(self, qd_rad_s: Vector6) -> None:
         """Move the joints at these speeds, as the pendant's Move tab does; zeros stop them. No program may run."""
-        if not Jog(qd_rad_s).apply(self.controller):
+        controller, commands = self.controller, self.controller.motion.commands
+        free = controller.may_run and controller.programs.state is RuntimeState.STOPPED
+        if not (free and plausible(*qd_rad_s)):
             raise NotPossible("the arm may not move, or a program moves it: see robot_mode, safety_mode, runtime_state")
+        if any(qd_rad_s):
+            commands.speedj(qd_rad_s, a=_JOG_RAD_S2)
+        else:
+            commands.stopj(_JOG_RAD_S2)
 
     @verb
     def popups(self) -> list[dict[str, Any]]:
@@ -268,12 +276,12 @@ class ModeVerbs(Verbs):
         if not self.controller.power_event(event):
             raise NotPossible(f"the safety mode {self.controller.safety.mode.name} keeps the arm switched off")
 
-    def _rise(self, function: SafetyInput) -> Waiting[None]:
+    def _rise(self, pins: int) -> Waiting[None]:
         yield
-        SetSafetyInput(function, high=True).apply(self.controller)
+        self.controller.signals.digital_inputs |= pins
 
     def _set(self, device: SafetyDevice, active: bool) -> None:
         """Set the device and latch it now, so that the next verb finds the safety system in its new state."""
         board = self.controller.safety_board
-        board.set_device(device, active)
+        board.inputs.set_device(device, active)
         board.latch()

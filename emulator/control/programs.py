@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from emulator.commands import dashboard
 from emulator.control.verbs import Verbs, Waiting, verb
 from emulator.programs.compiling import Submission
-from emulator.programs.loading import DRIVER_PROGRAMS, program_files
-from emulator.programs.own_folder import ensure_programs_folder
+from emulator.programs.loading import DRIVER_PROGRAMS, ensure_programs_folder, program_files
 from emulator.programs.runner import Programs
 from emulator.services.urcap import DriverAddress
 from emulator.workshare import in_periods

@@ -158,7 +158,6 @@ def _plain(value: Any) -> Any:
 
 
 def _like(present: Any, value: Any) -> Any:
-    """Convert a value to the type of the present one."""
     if isinstance(present, list | tuple):
         if len(value) != len(present):
             raise ValueError(f"expected {len(present)} values, found {len(value)}")

@@ -66,7 +66,6 @@ class Verbs:
 
     @property
     def controller(self) -> "Controller":
-        """The robot's controller."""
         return self._robot.controller
 
     def _wait(self, steps: "Waiting[_T]") -> _T:
@@ -98,12 +97,10 @@ class Verb:
 
     @property
     def summary(self) -> str:
-        """The first sentence of the documentation."""
         return self.text.partition("\n")[0]
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """Names of the arguments, in order."""
         return self.parameters.__struct_fields__
 
     def call(self, control: object, arguments: Mapping[str, Any], *, typed: bool = True) -> Any:

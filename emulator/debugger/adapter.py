@@ -139,8 +139,8 @@ class Adapter:
         self._send("response", {**reply, "success": True, "body": body or {}})
         if command == "initialize":
             self._event("initialized")
-        if command in _BACKWARDS:
-            self._backwards(_BACKWARDS[command])
+        if command in _BACKWARDS and isinstance(self._started, Traveller):  # the others refuse it above
+            self._stopped(self._started.back(_BACKWARDS[command]))
 
     def _send(self, kind: str, content: dict[str, Any]) -> None:
         self._sequence += 1
@@ -316,10 +316,6 @@ class Adapter:
         except NoControlError as error:  # the emulator has ended
             self._say(str(error), "stderr")
             self._on_terminate({})
-
-    def _backwards(self, mode: str) -> None:
-        assert isinstance(self._started, Traveller), "requests to others are refused"
-        self._stopped(self._started.back(mode))
 
     def _stopped(self, stop: Stop) -> None:
         self._pausing = False

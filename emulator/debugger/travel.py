@@ -39,12 +39,10 @@ class Traveller:
         return self._now.ask(name, *values, **named)
 
     def begin(self) -> None:
-        """Submit the programs."""
         self._now.ask("begin")
         self._keep()
 
     def set_breakpoints(self, lines: list[Breakpoint], functions: list[str], stop_on: list[str]) -> None:
-        """Replace all breakpoints."""
         self._breakpoints = lines, functions, stop_on
         self._now.ask("set_breakpoints", *self._breakpoints)
 

@@ -183,7 +183,6 @@ class Gripper:
             self._failure = Fault.NONE
 
     def advance(self, period_s: float, *, powered: bool) -> None:
-        """One control period."""
         if powered is not self.powered:
             self._switch(powered)
         goal = self._goal()

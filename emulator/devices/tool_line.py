@@ -36,15 +36,12 @@ class SerialDevice(Protocol):
 
     def configure(self, settings: SerialSettings) -> None:
         """The line's settings changed."""
-        ...
 
     def write(self, data: bytes) -> None:
         """Bytes for the device."""
-        ...
 
     def read(self, most: int) -> bytes:
         """Take at most this many bytes from the device."""
-        ...
 
 
 class EchoDevice:
@@ -80,7 +77,6 @@ class ToolLine:
 
     @property
     def settings(self) -> SerialSettings:
-        """Present settings of the line."""
         return self._settings
 
     @settings.setter
@@ -95,7 +91,6 @@ class ToolLine:
         return len(self._waiting) >= _MAX_WAITING
 
     def connect(self, device: SerialDevice) -> None:
-        """Put a device on the line."""
         self.device = device
         device.configure(self._settings)
 

@@ -70,9 +70,8 @@ def _evaluate(
     with errors_in_one_line():
         if find_spec("gymnasium") is None:
             raise ConfigError(f"evaluations need Gymnasium: {how_to_install('learning')}")
-        from emulator.evaluation.episodes import LATENCY, Setting
+        from emulator.evaluation.episodes import LATENCY, EvaluationError, Setting
         from emulator.evaluation.evaluate import evaluate
-        from emulator.evaluation.loading import EvaluationError
 
         options = dict(map(_option, option or []))
         if latency is not None:
@@ -108,7 +107,7 @@ class _Progress:
 
 
 def _keep(failed: "Sequence[Episode]", setting: Any, folder: Path) -> None:
-    from emulator.evaluation.failures import keep_failure
+    from emulator.evaluation.episodes import keep_failure
 
     for episode in failed:
         kept = keep_failure(setting, episode, folder / "failures")

@@ -5,15 +5,21 @@ it may then draw random numbers, and have a memory. The seed of an episode deter
 played.
 """
 
+import importlib
+import importlib.util
+import io
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import dist, hypot, sqrt
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from emulator.evaluation.loading import EvaluationError, called, load_named
 from emulator.learning import GoalEnv, RobotEnv, TaskError
+from emulator.physics.cameras import CameraError
+from urproto.durable import write_file
 from urproto.vectors import sub
 
 if TYPE_CHECKING:
@@ -22,6 +28,8 @@ if TYPE_CHECKING:
 RANDOM: Final = "random"
 LATENCY: Final = "latency_s"
 Policy = Callable[[Any], Any]
+_QUALITY: Final = 60
+_CAMERA: Final = "overview"
 
 
 @dataclass(frozen=True)
@@ -89,7 +97,6 @@ class _Meter:
     _qdd: Sequence[float] = field(default_factory=tuple)
 
     def take(self, state: "Snapshot") -> None:
-        """Take the next control period into account."""
         place, qdd = state.actual_TCP_pose[:3], state.target_qdd
         if self._qdd:
             self.path_m += dist(place, self._place)
@@ -189,3 +196,96 @@ def _measured(env: RobotEnv[Any, Any], meter: _Meter) -> Iterator[None]:
         yield
     finally:
         controller.on_tick.remove(take)
+
+
+class EvaluationError(ValueError):
+    """The evaluation cannot be carried out, for a reason that is the user's to change."""
+
+
+def load_named(place: str) -> Any:
+    """What a file or module calls so: ``policies.py:Reach``, ``package.module:Reach``. Raises EvaluationError."""
+    source, _, name = place.rpartition(":")
+    if not source or not name:
+        raise EvaluationError(f"{place!r} must be FILE.py:NAME or MODULE:NAME")
+    try:
+        module = _module_of(Path(source)) if source.endswith(".py") else importlib.import_module(source)
+    except Exception as error:  # a user's file may raise anything
+        raise EvaluationError(f"{source} cannot be loaded: {_described(error)}") from error
+    if not hasattr(module, name):
+        raise EvaluationError(f"{source} has no {name}")
+    return getattr(module, name)
+
+
+def called(what: str, function: Any, *values: Any, **named: Any) -> Any:
+    """Call what is a user's. Raises EvaluationError, which says where it failed."""
+    try:
+        return function(*values, **named)
+    except Exception as error:
+        raise EvaluationError(f"{what} failed: {_described(error)}") from error
+
+
+def _module_of(path: Path) -> Any:
+    name = path.stem
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise FileNotFoundError(f"there is no file {path}")
+    if str(path.parent.resolve()) not in sys.path:
+        sys.path.insert(0, str(path.parent.resolve()))  # as for a script, which imports what is beside it
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _described(error: Exception) -> str:
+    """An error in one line, with the place of its innermost frame."""
+    frame = error.__traceback__
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    place = "" if frame is None else f" ({Path(frame.tb_frame.f_code.co_filename).name}:{frame.tb_lineno})"
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}{place}: {text}" if text else f"{type(error).__name__}{place}"
+
+
+def keep_failure(setting: Setting, episode: Episode, folder: Path) -> list[Path]:
+    """Write ``SEED.journal`` and, if the scene has a camera ``overview`` and pictures can be rendered, ``SEED.webp``.
+
+    Returns the files; none if the episode went otherwise this time. Raises EvaluationError.
+    """
+    env = setting.environment(recorded=True, checked=True)
+    pictures: list[Any] = []
+    try:
+        policy = policy_of(setting, env)
+        if play_one(env, policy, setting.length(env), episode.seed, lambda: _film(env, pictures)) != episode:
+            return []
+        files = {"journal": env.robot.journal}
+        if pictures:
+            files["webp"] = _webp(pictures, env.step_s)
+    finally:
+        env.close()
+    folder.mkdir(exist_ok=True)
+    paths = []
+    for suffix, content in files.items():
+        paths.append(folder / f"{episode.seed}.{suffix}")
+        write_file(paths[-1], content)
+    return paths
+
+
+def _film(env: RobotEnv[Any, Any], pictures: list[Any]) -> None:
+    if _CAMERA not in env.scene.cameras:
+        return
+    try:
+        pictures.append(env.picture(_CAMERA))
+    except CameraError:  # no renderer on this machine: the journal shows more anyway
+        return
+
+
+def _webp(pictures: Sequence[Any], step_s: float) -> bytes:
+    from PIL import Image
+
+    first, *others = (Image.fromarray(picture) for picture in pictures)
+    film = io.BytesIO()
+    first.save(
+        film, "webp", save_all=True, append_images=others, duration=round(1000 * step_s), loop=0, quality=_QUALITY
+    )
+    return film.getvalue()

@@ -3,12 +3,9 @@
 from collections.abc import Callable, Sequence
 from contextlib import closing
 
-from emulator.campaign.jobs import Lost
-from emulator.campaign.local import LocalWorkers
-from emulator.evaluation.episodes import Episode, Setting, play
-from emulator.evaluation.loading import EvaluationError
-from emulator.evaluation.report import Report
-from emulator.evaluation.statistics import decided
+from emulator.campaign.workers import LocalWorkers, Lost
+from emulator.evaluation.episodes import Episode, EvaluationError, Setting, play
+from emulator.evaluation.report import Report, decided
 
 
 def evaluate(

@@ -78,7 +78,6 @@ def _as_code(schedule: Schedule) -> str:
 
 
 def junit(plan: Plan, answers: Mapping[str, Found], runs: int) -> bytes:
-    """The properties as test cases in JUnit's XML."""
     suite = ElementTree.Element(
         "testsuite",
         {"name": plan.name, "tests": str(len(plan.properties)), "failures": str(len(answers)), "errors": "0"},

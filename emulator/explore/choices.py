@@ -61,7 +61,6 @@ class Domain(Protocol):
 
     def simpler(self, value: Any) -> Iterator[Any]:
         """Simpler values than this one, the simplest first."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -245,7 +244,6 @@ class Choice:
         return self.kind.parameters | {f"{name} after": domain for name, domain in following.items()}
 
     def draw(self, chance: Random) -> Values:
-        """Values by chance."""
         return {name: domain.draw(chance) for name, domain in self.parameters.items()}
 
     def actions(self, values: Values) -> Iterator[tuple[float, Kind, Values]]:

@@ -63,7 +63,6 @@ class Plan:
 
     @property
     def period_s(self) -> float:
-        """The control period of the robot."""
         return load_model(self.model).series.period_s
 
 

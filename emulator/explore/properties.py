@@ -11,7 +11,7 @@ its condition, or the share of the time that was left.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
@@ -129,9 +129,6 @@ class Finally:
         self.margin = self.condition.margin(snapshot)
         if not self.condition(snapshot):
             self.broken = f"not {self.condition.text} at the end, after {time_s:.3f} s"
-
-
-MakeMonitor = Callable[[Outside], Monitor]
 
 
 @dataclass(frozen=True)

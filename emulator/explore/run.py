@@ -141,12 +141,10 @@ class Run:
 
     @property
     def period_s(self) -> float:
-        """The robot's control period."""
         return self.robot.controller.period_s
 
     @property
     def journal(self) -> bytes:
-        """The run so far, for ``ur-emulator replay``."""
         return self.robot.journal
 
     def advance(self, schedule: Sequence[Decision], until: int) -> None:

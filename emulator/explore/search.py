@@ -48,7 +48,6 @@ class Entry:
     children: int = 0
 
     def close(self) -> None:
-        """End the copies."""
         for copy in self.moments.values():
             copy.close()
         self.moments.clear()
@@ -189,7 +188,6 @@ class Search:
         return base.trail
 
     def go_on(self) -> None:
-        """One more batch of runs."""
         made = list(self._schedules(_BATCH))
         self.exhausted = not made
         entries = self._runner.carry_out([schedule for schedule, _, _ in made])

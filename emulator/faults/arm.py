@@ -15,7 +15,7 @@ from emulator.safety.causes import Cause
 from emulator.snapshot import Snapshot
 from urproto.modes import JointMode
 from urproto.robots.pose import pose_trans
-from urproto.vectors import Vector6
+from urproto.vectors import Vector6, as_six
 
 Sensor = Callable[[float, float], tuple[float, float]]  # rad, rad/s
 Joint = Annotated[int, Meta(ge=0, le=5)]
@@ -23,8 +23,7 @@ _DEVIATION: Final = 153  # error code: the position deviates from the path
 
 
 def _with(values: Vector6, joint: int, value: float) -> Vector6:
-    a, b, c, d, e, f = (value if index == joint else other for index, other in enumerate(values))
-    return (a, b, c, d, e, f)
+    return as_six(value if index == joint else other for index, other in enumerate(values))
 
 
 @dataclass(frozen=True, kw_only=True)

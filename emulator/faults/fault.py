@@ -62,11 +62,9 @@ class Rate(Protocol):
 
     def delay_next(self, seconds: float, *, made_up: bool) -> None:
         """Delay the next control period [s of robot time]; made_up: the following ones catch up."""
-        ...
 
     def set_drift(self, share: float) -> None:
         """Make the robot's time faster by this fraction, or slower if it is negative."""
-        ...
 
 
 class Machine(Protocol):
@@ -74,11 +72,9 @@ class Machine(Protocol):
 
     def switch_off(self, *, silent: bool) -> None:
         """Switch the controller off after this period. silent: without closing any connection."""
-        ...
 
     def switch_on(self, boot_s: float) -> None:
         """Boot a new controller, whose uptime begins at 0."""
-        ...
 
 
 @dataclass

@@ -45,7 +45,6 @@ class _Entry:
         self.step()
 
     def step(self) -> None:
-        """One control period."""
         assert self.act is not None
         try:
             next(self.act)
@@ -119,7 +118,6 @@ class FaultInjector:
         return bool(found)
 
     def clear_all(self) -> None:
-        """End every fault, the last one first."""
         for entry in reversed(self._present):
             self._end(entry)
         self._tidy()

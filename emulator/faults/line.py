@@ -36,7 +36,6 @@ class Link:
         self.connection.keep(self.direction, len(data))
 
     def take(self, now: int) -> bytes:
-        """Take the bytes that are due."""
         data = b""
         while self.waiting and self.waiting[0][0] <= now:
             data += self.waiting.popleft()[1]
@@ -49,7 +48,6 @@ class Link:
         return data[:most]
 
     def release(self, data: bytes, line: "Line") -> None:
-        """Forward bytes that were taken."""
         self._count(-len(data))
         self.connection.pass_on(self.direction, data, line.hook)
 
@@ -73,7 +71,6 @@ class Line:
 
     @property
     def empty(self) -> bool:
-        """Whether no bytes wait."""
         return not any(link.waiting for link in self._links.values())
 
     def hook(self, connection: Connection, direction: Direction, data: bytes) -> bytes:

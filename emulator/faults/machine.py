@@ -1,8 +1,6 @@
 """Faults of the controller as a whole: its clock and its power."""
 
 from abc import abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -112,8 +110,12 @@ class Outage(Fault):
         return {"the power of the controller"}
 
     def act(self, site: Site, strikes: Strikes) -> Act:
-        with self._off(self._machine(site), silent=self.silent):
+        machine = self._machine(site)
+        machine.switch_off(silent=self.silent)
+        try:
             yield from self.outage(site)
+        finally:
+            machine.switch_on(self.boot_s)
 
     silent: ClassVar[bool] = False
 
@@ -125,14 +127,6 @@ class Outage(Fault):
         if site.machine is None:
             raise FaultImpossibleError("nothing can restart the controller of this robot")
         return site.machine
-
-    @contextmanager
-    def _off(self, machine: Machine, *, silent: bool) -> Iterator[None]:
-        machine.switch_off(silent=silent)
-        try:
-            yield
-        finally:
-            machine.switch_on(self.boot_s)
 
 
 @register

@@ -29,7 +29,6 @@ class PortFault(Fault):
         self.servers(site)
 
     def servers(self, site: Site) -> list[Port]:
-        """The servers of the affected ports."""
         if self.port:
             return [site.server(self.port)]
         site.server("dashboard")  # raises if the robot has no ports
@@ -41,7 +40,6 @@ class ListenerFault(PortFault):
     """A fault that closes the port for a while."""
 
     def servers(self, site: Site) -> list[Port]:
-        """The affected servers that listen."""
         found = [server for server in super().servers(site) if server.port]
         if not found:
             raise FaultImpossibleError(f"{self.port} are connections that the robot opens: there is no port to close")
@@ -58,11 +56,9 @@ class ClientFault(PortFault):
     peer: str = ""
 
     def concerns(self, connection: Connection) -> bool:
-        """Whether the fault affects this connection."""
         return self.peer in ("", connection.peer, connection.peer.rpartition(":")[0])
 
     def connections(self, site: Site) -> Iterator[Connection]:
-        """The affected connections that are open."""
         for server in self.servers(site):
             yield from filter(self.concerns, tuple(server.connections))
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from emulator.faults.fault import Act, Fault, FaultImpossibleError, Site, Strikes, register, until_ended
-from emulator.world.disturbances import Disturbances
+from emulator.world.world import Disturbances
 
 
 def _scene(site: Site) -> Disturbances:

@@ -108,7 +108,8 @@ class ClassRobot:
     async def open_pendant(self, running: AsyncExitStack) -> str:
         """Start the pendant if necessary; return the address that opens it. Raises TimeoutError, RuntimeError."""
         if self._pendant is None:
-            self._pendant = Pendant(self._config, self._ports, self._pendant_port, self._on_pendant, self._key)
+            changed = self._pendant_changed
+            self._pendant = Pendant(self._config, self._ports, self._pendant_port, lambda _: changed.set(), self._key)
             await running.enter_async_context(self._pendant)
         async with timeout(_PENDANT_TIMEOUT_S):
             while (report := self._pendant.report())["state"] != "running":
@@ -117,9 +118,6 @@ class ClassRobot:
                 self._pendant_changed.clear()
                 await self._pendant_changed.wait()
         return f"http://{self._config.host}:{self._pendant_port}/?key={self._key}"
-
-    def _on_pendant(self, line: str) -> None:
-        self._pendant_changed.set()
 
     def _connect(self) -> ControlClient:
         host = local_address(self._config.host_of("control"))

@@ -286,16 +286,10 @@ class ClassPage:
         join_or_kill(self._process)
 
 
-def _run(
-    configs: Sequence[EmulatorConfig],
-    ports: Sequence[Mapping[str, int]],
-    port: int,
-    passwords: Mapping[str, str],
-    link: Link,
-) -> None:
-    """Serve until the link is closed."""
+def _run(*arguments: Any) -> None:
+    """Serve until the link, the last argument, is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all processes; the fleet decides
-    asyncio.run(_serve(configs, ports, port, passwords, link))
+    asyncio.run(_serve(*arguments))
 
 
 async def _serve(

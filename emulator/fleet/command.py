@@ -14,11 +14,11 @@ from emulator.fleet.class_server import ClassPage, check_class, class_passwords
 from emulator.fleet.plan import FIRST_HOST, MAX_ROBOTS, FleetFile, place
 from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
 from emulator.logs import LogLevel, log_to_stderr
-from emulator.options import ROBOT_OPTIONS, configure, errors_in_one_line, with_robot_options
+from emulator.options import ROBOT_OPTIONS, RobotOptions, configure, errors_in_one_line
 from emulator.ports import PORTS
 from emulator.realtime import usable_cores
 from emulator.serve import write_ports
-from urproto.commandline import application, console
+from urproto.commandline import application, console, with_options_of
 from urproto.ports import LAST_PORT
 
 _LOST: Final = 1
@@ -28,7 +28,7 @@ app = application(completion=False)
 
 
 @app.command()
-@with_robot_options(without=["host"])
+@with_options_of(RobotOptions, without=["host"])
 def _fleet(
     robot: Mapping[str, Any],
     *,
@@ -132,7 +132,6 @@ class _Screen:
                 self._console.print(f"Cannot restart {self._hosts(robots)}: {reason}.", style="bold red")
 
     def show_class(self, address: str, passwords: Mapping[str, str]) -> None:
-        """Print the address and the passwords of the class page."""
         self._console.print(f"Class page: {address}, with a link for each student.")
         for role, password in passwords.items():
             self._console.print(f"  password for the {role}: {password}", markup=False, highlight=False)

@@ -111,7 +111,6 @@ class Encoder:
         return (delta + 0.5 * size) % size - 0.5 * size if abs(delta) > 0.5 * size else delta
 
     def advance(self, digital_inputs: int) -> None:
-        """One control period with these input levels."""
         if self._decoder is not DecoderType.DISABLED:
             self._total += self._edges(digital_inputs) + self._simulated()
         if self.speed != 0.0 or self.travel != self._total:
@@ -171,7 +170,6 @@ class Encoders:
 
     @property
     def raw(self) -> tuple[int, int]:
-        """The unfiltered counts as signed 32-bit numbers."""
         return self._encoders[0].raw, self._encoders[1].raw
 
     def decode(self, index: int, decoder: DecoderType, a: int, b: int) -> None:
@@ -185,10 +183,8 @@ class Encoders:
         self.enabled = True
 
     def advance(self, digital_inputs: int) -> None:
-        """One control period with these input levels."""
         for encoder in self._encoders:
             encoder.advance(digital_inputs)
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write the counts to a snapshot."""
         snapshot.encoder0_raw, snapshot.encoder1_raw = self.raw

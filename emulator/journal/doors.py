@@ -42,7 +42,6 @@ class RecordedSockets:
 
     @property
     def idle(self) -> bool:
-        """Whether none is open."""
         return not self._opened
 
     def open(self, address: str, port: int) -> ScriptSocket:
@@ -58,7 +57,6 @@ class RecordedSockets:
             socket.look()
 
     def rest(self) -> None:
-        """After a control period."""
         for socket in self._opened:
             socket.rest()
         if any(socket.over for socket in self._opened):
@@ -162,7 +160,6 @@ class RecordedModbus:
 
     @property
     def idle(self) -> bool:
-        """Whether no request waits for its outcome."""
         return not self._waiting
 
     def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
@@ -208,7 +205,6 @@ class ReplayedModbus:
         return exchange
 
     def expect(self, number: int, values: tuple[int, ...], device_error: int, connection_error: int) -> None:
-        """Take the outcome of a request."""
         if number not in self._exchanges:
             self._outcomes[number] = values, device_error, connection_error
             return

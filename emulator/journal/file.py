@@ -89,7 +89,6 @@ class JournalWriter:
         self._put(MAGIC)
 
     def add(self, record: Record) -> None:
-        """Add a record to the frame."""
         self._lines.append(line_of(record))
 
     def flush(self) -> None:
@@ -136,12 +135,10 @@ class JournalWriter:
 
 
 def line_of(record: Record) -> str:
-    """A record as it is in a frame."""
     return json.dumps(record, separators=(",", ":"))
 
 
 def frame_of(lines: list[str]) -> bytes:
-    """The frame of some records."""
     content = zlib.compress("\n".join(lines).encode(), _LEVEL)
     return _HEADER.pack(len(content), zlib.crc32(content)) + content
 

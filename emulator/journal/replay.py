@@ -22,8 +22,7 @@ from emulator.faults.fault import rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.journal.doors import ReplayedDevice, ReplayedModbus, ReplayedSockets, plain_values
 from emulator.journal.file import DAMAGE, FORMAT, JournalError, MemorySink, Record, Sink, read_journal
-from emulator.journal.header import product_version
-from emulator.journal.recorder import Checksums, Recorder, record
+from emulator.journal.recorder import Checksums, Recorder, product_version, record
 from emulator.journal.values import JournalValueError, Numbers, decode
 from emulator.machine import ControllerConfig
 from emulator.snapshot import Snapshot
@@ -98,7 +97,6 @@ class Replay:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Remove the files of the run."""
         self._kept.close()
 
     def run(self, until: Callable[[Snapshot], bool] | None = None) -> None:

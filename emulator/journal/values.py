@@ -18,11 +18,9 @@ import msgspec
 from emulator.devices.gripper_requests import GripperSession
 from emulator.mailbox import Command
 from emulator.robotapi.endpoints import OPERATIONS, Operation
-from emulator.world.shapes import Shape
 
 _OPERATIONS: Final = {(one.endpoint.method, one.endpoint.path): one for one in OPERATIONS}
 _PLAIN: Final = frozenset({bool, int, float, str, type(None)})
-_EXTRA: Final[tuple[type, ...]] = (*get_args(Shape),)
 
 
 class JournalValueError(ValueError):
@@ -137,7 +135,7 @@ def _is_function(hint: Any) -> bool:
 def _classes() -> dict[str, type]:
     """Every class of the commands and of what they consist of, by name. Nothing else is ever created from a journal."""
     found: dict[str, type] = {}
-    waiting: list[Any] = [*commands(), *_EXTRA]
+    waiting: list[Any] = [*commands()]
     waiting += [operation.body for operation in OPERATIONS if operation.body is not None]
     while waiting:
         hint = waiting.pop()

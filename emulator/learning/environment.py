@@ -218,7 +218,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
     def _prepare(self) -> None:
         """Save the initial state of episodes, after the program has run once, because that compiles it."""
         self.furnish()
-        self._wait(_SETTLING_S)
+        self.robot.step(round(_SETTLING_S / self.robot.controller.period_s))
         self._begin()
         if not self._rest():
             raise TaskError(f"{type(self).__name__}: the arm does not stand still after its program was stopped")
@@ -260,6 +260,3 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
             except NotPossible:
                 continue
         return False
-
-    def _wait(self, seconds: float) -> None:
-        self.robot.step(round(seconds / self.robot.controller.period_s))

@@ -150,7 +150,6 @@ class Power:
 
     @property
     def robot_mode(self) -> RobotMode:
-        """The robot mode all interfaces report."""
         return self.report.robot_mode
 
     def handle(self, event: PowerEvent) -> None:
@@ -186,7 +185,6 @@ class Power:
             self.handle(PowerEvent.TIMEOUT)
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write what robot, joints and tool report to a snapshot."""
         report = self.report
         snapshot.robot_mode, snapshot.tool_mode = report.robot_mode, report.tool_mode
         snapshot.joint_mode = (report.joint_mode,) * 6

@@ -66,11 +66,9 @@ class Speed:
         return self._periods / self._start_periods
 
     def program_started(self) -> None:
-        """A program starts in this period."""
         self._periods = 0
 
     def advance(self) -> None:
-        """One control period."""
         if self._periods < self._start_periods:
             self._periods += 1
 

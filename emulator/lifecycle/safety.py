@@ -151,10 +151,6 @@ class Safety:
                     return status
         return self._status
 
-    def holds(self, condition: SafetyEvent) -> bool:
-        """Whether a condition, named by the event that starts it, is present."""
-        return condition in self._conditions
-
     def handle(self, event: SafetyEvent) -> bool:
         """Apply an event; returns whether the mode changed. A pair that is not in the table changes nothing."""
         if event in _CONDITIONS:
@@ -165,7 +161,6 @@ class Safety:
         return self.mode is not before
 
     def advance(self, period_s: float) -> None:
-        """One control period."""
         self.mode_age_s += period_s
 
     def _follow(self, event: SafetyEvent) -> None:

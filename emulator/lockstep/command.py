@@ -14,8 +14,8 @@ import typer
 
 from emulator.config import ConfigError
 from emulator.lockstep.clock import SharedClock, check_program
-from emulator.options import errors_in_one_line, with_robot_options
-from urproto.commandline import application
+from emulator.options import RobotOptions, errors_in_one_line
+from urproto.commandline import application, with_options_of
 from urproto.testing.process import EmulatorError, EmulatorProcess, command_line
 
 _SIGNALLED: Final = 128  # what shells add to the number of the signal that ended a program
@@ -26,7 +26,7 @@ app = application(completion=False)
 
 
 @app.command(context_settings={"allow_interspersed_args": False})
-@with_robot_options(without=_WITHOUT)
+@with_options_of(RobotOptions, without=_WITHOUT)
 def _exec(
     robot: Mapping[str, Any],
     *,

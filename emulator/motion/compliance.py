@@ -415,7 +415,6 @@ class ForceControl:
             self._compliance.release()
 
     def slow_down(self, share: float) -> None:
-        """Continue at this share of the speed in compliant directions."""
         if self._compliance is not None:
             self._compliance.slow_down(share)
 

@@ -80,7 +80,6 @@ def blend_cut(radius_m: float, distance_m: float) -> MotionWarning:
 
 
 def joint_limit(joint: int, position_rad: float, lower_rad: float, upper_rad: float) -> MotionFault:
-    """The arm would leave the position range of a joint."""
     return MotionFault(
         _CLOSE_TO_JOINT_LIMIT,
         0,
@@ -185,7 +184,6 @@ class Displacement(Enum):
 
 
 def displaced_too_fast(source: Displacement, joint: int, speed_rad_s: float, limit_rad_s: float) -> MotionFault:
-    """The displacement of the path makes a joint faster than allowed."""
     return MotionFault(
         source.value,
         _JOINT_SPEED,
@@ -209,7 +207,6 @@ def slider_raised() -> MotionFault:
 
 
 def conveyor_too_fast(speed_m_s: float, limit_m_s: float) -> MotionFault:
-    """The conveyor moves the tool faster than allowed."""
     return MotionFault(
         _CONVEYOR,
         _TOOL_SPEED,
@@ -219,7 +216,6 @@ def conveyor_too_fast(speed_m_s: float, limit_m_s: float) -> MotionFault:
 
 
 def frame_too_fast(name: str, speed_m_s: float, limit_m_s: float, turn_rad_s: float, limit_rad_s: float) -> MotionFault:
-    """A tracked frame moves the tool faster than allowed."""
     return MotionFault(
         _FRAME_TRACKING,
         _TOOL_SPEED,

@@ -95,7 +95,6 @@ class Lookahead:
         return self._max_scales[k - 1] + share * (self._max_scales[k] - self._max_scales[k - 1])
 
     def _extend(self) -> None:
-        """Add a cell."""
         left = self._probe.remaining_s
         h = min(_CELL_S, 2.0 * self._cell, left)
         q = self._joints_after(h)

@@ -126,7 +126,6 @@ class Motion:
 
     @property
     def time(self) -> ProgramTime:
-        """The program's time."""
         return self.movement.time
 
     @property
@@ -141,7 +140,6 @@ class Motion:
 
     @property
     def braking(self) -> bool:
-        """Whether the brakes are bringing the arm to rest."""
         return self.movement.braking
 
     @property
@@ -270,15 +268,11 @@ class Motion:
         if self.hard_transitions:
             self.movement.use_fastest_ramp()
 
-    def stop(self, decel: float | None = None) -> None:
-        """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement."""
-        self.commands.stop(decel)
-
     def program_stopped(self) -> None:
         """The program has ended: end force mode, freedrive and path displacements, and bring the arm to rest."""
         self.superposition.program_stopped()
         self.force_control.end()
-        self.stop()
+        self.commands.stop()
 
     def engage_brakes(self) -> None:
         """Power is removed (stop category 0): the brakes bring each joint to rest, and all movements are discarded."""

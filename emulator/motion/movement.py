@@ -186,11 +186,9 @@ class ActiveMovement:
     # holding
 
     def pause(self) -> None:
-        """Slow down to a standstill on the path, until `resume`."""
         self._hold(RAMP_RAD_S2)
 
     def resume(self) -> None:
-        """Continue after `pause` or `protective_stop`."""
         self._holding, self.ramp = Holding.RUN, RAMP_RAD_S2
 
     def protective_stop(self) -> None:

@@ -21,7 +21,6 @@ class PositionLimits:
         self._longest_braking = max(self._braking)
 
     def use(self, low: Joints, high: Joints) -> None:
-        """Set other limits."""
         self.low, self.high = low, high
         # Fast path: no joint can reach a limit before the arm is this far [rad] from here.
         self._here, self._room = low, 0.0

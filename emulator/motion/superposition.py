@@ -87,7 +87,6 @@ class PathOffset:
         self._target, self._left = self._settings.limited(offset), 1.0
 
     def get(self, frame: OffsetFrame) -> Pose:
-        """The offset applied now, expressed in this frame."""
         if frame is self._frame or self._path is None:
             return self._applied
         path, there = self._path, self.apply(self._path)
@@ -215,7 +214,6 @@ class Superposition:
 
     @property
     def tracked_frame(self) -> FrameTracking | None:
-        """The frame that the path moves along with."""
         source = self._sources.get(Kind.FRAME)
         return source if isinstance(source, FrameTracking) else None
 

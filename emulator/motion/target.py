@@ -53,5 +53,4 @@ class ArmTarget:
         self.q = q
 
     def halt(self) -> None:
-        """Stand still immediately."""
         self.qd = self.qdd = ZERO6

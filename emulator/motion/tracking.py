@@ -67,7 +67,6 @@ class Follower:
         self._move(dt, self.speed + max(-a * dt, min(a * dt, change)))
 
     def brake(self, dt: float, deceleration: float) -> None:
-        """Come to a standstill."""
         slower = max(0.0, abs(self.speed) - deceleration * dt)
         self._move(dt, copysign(slower, self.speed) if slower else 0.0)
 

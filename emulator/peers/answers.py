@@ -1,19 +1,24 @@
-"""What a peer on a socket answers to a message: replies by pattern, with a state, or those of a Python function."""
+"""What peers answer: replies by pattern, with a state, or those of a Python function; XML-RPC over HTTP; a gripper."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Protocol, TypeAlias
+from xmlrpc.client import Fault, dumps, loads
 
 from msgspec import Meta, Struct, field
 
+from emulator.devices.gripper_requests import GripperSession
+from emulator.devices.robotiq import Gripper
 from emulator.peers.log import Pattern, PeerLog
+from urproto.robotiq import RequestDecoder
 from urproto.text import from_bytes, strip, to_bytes
 
 Text: TypeAlias = str | int | float
 Seconds: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e9)]
 
 _VARIABLE: Final = re.compile(r"\$\{(\w+)\}")
+Method: TypeAlias = Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -30,11 +35,8 @@ class Answerer(Protocol):
 
     def cut(self, buffer: bytearray, idle: bool) -> Iterator[bytes]:
         """Take complete messages off a buffer. idle: nothing was sent for a control period."""
-        ...
 
-    def answer(self, message: bytes) -> Reply:
-        """The answer to a message."""
-        ...
+    def answer(self, message: bytes) -> Reply: ...
 
 
 def cut_at(delimiter: bytes, buffer: bytearray) -> Iterator[bytes]:
@@ -139,3 +141,70 @@ class Dialogue:
         text = self.code.read(message)
         self.log.add(text)
         return self.reply(message, text)
+
+
+class GripperPeer:
+    """The gripper of ``--gripper``: the software on the controller that programs talk to on TCP port 63352.
+
+    A request with a line end is answered in another form than one without.
+    """
+
+    def __init__(self, log: PeerLog, gripper: Gripper) -> None:
+        self.log, self._gripper, self._session = log, gripper, GripperSession()
+
+    def cut(self, buffer: bytearray, idle: bool) -> Iterator[bytes]:
+        while (end := buffer.find(b"\n") + 1) > 0:
+            yield bytes(buffer[:end])
+            del buffer[:end]
+        if idle:
+            yield from cut_all(buffer)
+
+    def answer(self, message: bytes) -> Reply:
+        self.log.add(strip(from_bytes(message)))
+        decoder = RequestDecoder()
+        return Reply(self._session.answer(self._gripper, (*decoder.feed(message), *decoder.flush())))
+
+
+@dataclass
+class XmlRpcMethods:
+    """The methods of a server; one that is missing, or raises an error, answers with a fault."""
+
+    log: PeerLog
+    methods: Mapping[str, Method] | Any  # or an object whose public methods they are
+
+    def cut(self, buffer: bytearray, idle: bool) -> Iterator[bytes]:
+        """Take complete HTTP requests off the buffer."""
+        while (head := buffer.find(b"\r\n\r\n") + 4) > 3:
+            end = head + _content_length(bytes(buffer[:head]))
+            if len(buffer) < end:
+                return
+            yield bytes(buffer[head:end])
+            del buffer[:end]
+
+    def answer(self, message: bytes) -> Reply:
+        arguments, name = loads(message)
+        self.log.add(f"{name}({', '.join(map(str, arguments))})")
+        body = dumps(self._call(str(name), arguments), methodresponse=True, allow_none=True).encode()
+        return Reply(b"HTTP/1.1 200 OK\r\nContent-Type: text/xml\r\nContent-Length: %d\r\n\r\n%s" % (len(body), body))
+
+    def _call(self, name: str, arguments: tuple[Any, ...]) -> tuple[Any] | Fault:
+        public = None if name.startswith("_") else name
+        found = (
+            self.methods.get(name) if isinstance(self.methods, Mapping) else getattr(self.methods, public or "", None)
+        )
+        if found is None:
+            return Fault(1, f"the peer {self.log.name} has no method {name}")
+        try:
+            return (found(*arguments),)
+        except Fault as fault:
+            return fault
+        except Exception as error:
+            return Fault(1, f"{name}: {error}")
+
+
+def _content_length(head: bytes) -> int:
+    for line in head.split(b"\r\n"):
+        name, _, value = line.partition(b":")
+        if name.strip().lower() == b"content-length":
+            return int(value)
+    return 0

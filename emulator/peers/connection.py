@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from emulator.controller import Controller
-from emulator.peers.answers import Answerer, Reply
-from emulator.peers.gripper import GripperPeer
+from emulator.peers.answers import Answerer, GripperPeer, Reply
 from emulator.peers.log import PeerLog
 from emulator.peers.modbus import PeerModbus, UnitPeer
-from emulator.services.sockets import MemorySocket, NoNetwork, ScriptSocket, ScriptSocketBackend, SocketState
+from emulator.services.sockets import NoNetwork, RefusedSocket, ScriptSocket, ScriptSocketBackend, SocketState
 from urproto import robotiq
 
 ANY = "*"
@@ -44,7 +43,6 @@ class Peers:
 
     @property
     def logs(self) -> list[PeerLog]:
-        """What was sent to each."""
         return [*(peer.log for peer in self.sockets.values()), *(unit.log for unit in self.units.values())]
 
     def attach(self, controller: Controller, network: ScriptSocketBackend) -> None:
@@ -66,7 +64,7 @@ class Peers:
             return self._network.open(address, port)
         if peer.refusals > 0:
             peer.refusals -= 1
-            return MemorySocket("closed", "Connection refused")
+            return RefusedSocket("Connection refused")
         return PeerSocket(peer)
 
 

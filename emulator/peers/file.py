@@ -16,12 +16,14 @@ from msgspec import Meta, Struct
 from emulator.peers.answers import (
     Computed,
     Dialogue,
+    Method,
     Replies,
     Reply,
     ReplyTemplate,
     Seconds,
     Text,
     TextCode,
+    XmlRpcMethods,
     cut_all,
     cut_at,
     cut_size,
@@ -29,7 +31,6 @@ from emulator.peers.answers import (
 from emulator.peers.connection import Announcement, Peers, SocketPeer
 from emulator.peers.log import Pattern, PeerLog, PeersError
 from emulator.peers.modbus import UnitPeer, Values
-from emulator.peers.xmlrpc import Method, XmlRpcMethods
 from urproto.structures import converted
 from urproto.yamltext import InvalidYamlError, load_yaml
 

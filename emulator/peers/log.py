@@ -31,7 +31,6 @@ class Pattern:
         return cls(text, re.compile(wild, re.DOTALL))
 
     def match(self, message: str) -> re.Match[str] | None:
-        """Match a whole message."""
         return self.expression.fullmatch(message)
 
 
@@ -45,11 +44,9 @@ class PeerLog:
     now: Callable[[], float] = lambda: 0.0
 
     def add(self, text: str) -> None:
-        """The script has sent a message."""
         self.sent.append((self.now(), text))
 
     def contains(self, pattern: Pattern) -> bool:
-        """Whether a message matches."""
         return any(pattern.match(text) for _, text in self.sent)
 
     def unmet(self) -> str:

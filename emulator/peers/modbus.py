@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from emulator.peers.log import PeerLog
-from emulator.services.modbus import DISCONNECTED, MemoryUnit, ModbusBackend, ModbusExchange, ModbusUnit
-from urproto.modbus import Function, ModbusRequest
+from emulator.services.modbus import DISCONNECTED, ModbusBackend, ModbusExchange, ModbusUnit
+from urproto.modbus import ExceptionCode, Function, ModbusRequest
 
-_WRITES_COILS = (Function.WRITE_COIL, Function.WRITE_COILS)
+_BITS = (Function.READ_COILS, Function.READ_DISCRETE_INPUTS, Function.WRITE_COIL, Function.WRITE_COILS)
 
 
 class Values(dict[int, Any]):
@@ -60,7 +60,6 @@ class UnitPeer:
     written: Callable[[str, int, int], object] = lambda kind, address, value: None
 
     def __post_init__(self) -> None:
-        self._unit = MemoryUnit(self.coils, self.registers, self.exception)
         self._last: dict[tuple[str, int], int] = {}  # as written
         self._closes_s: float | None = None  # while a connection is open
         self._busy_until_s = 0.0
@@ -88,11 +87,24 @@ class UnitPeer:
         return exchange
 
     def _answer(self, request: ModbusRequest, exchange: ModbusExchange) -> None:
-        """A value that is written again, as a signal does all the time, is not reported again."""
-        self._unit.answer(request, exchange)
-        self._unit.requests.clear()
-        kind = "coil" if request.function in _WRITES_COILS else "register"
+        """Coils and discrete inputs are one table, so are the registers.
+
+        A value that is written again, as a signal does all the time, is not reported again.
+        """
+        kind, table = ("coil", self.coils) if request.function in _BITS else ("register", self.registers)
         start = request.write_address if request.function == Function.READ_WRITE_REGISTERS else request.address
+        wanted = range(request.address, request.address + request.count)
+        if self.exception:
+            exchange.complete(device_error=self.exception)
+        else:
+            for address, value in enumerate(request.values, start):
+                table[address] = value
+            if request.values and request.function != Function.READ_WRITE_REGISTERS:
+                exchange.complete()
+            elif all(address in table for address in wanted):
+                exchange.complete(tuple(table[address] for address in wanted))
+            else:
+                exchange.complete(device_error=ExceptionCode.ILLEGAL_DATA_ADDRESS)
         for address, value in enumerate(request.values, start):
             if self._last.get((kind, address)) != value:
                 self._last[kind, address] = value

@@ -122,7 +122,6 @@ class Cameras:
 
     @property
     def names(self) -> list[str]:
-        """Of all cameras."""
         return list(self._scenery.cameras)
 
     @property
@@ -175,7 +174,6 @@ class Cameras:
         return extrinsics(self._scenery, name)
 
     def close(self) -> None:
-        """Release the graphics memory."""
         self._context.free()
         self._gl.free()
 

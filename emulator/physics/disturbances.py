@@ -12,7 +12,7 @@ _NOWHERE: Final = (0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quat
 
 
 class SceneDisturbances:
-    """`emulator.world.disturbances` for one scene. covered: names of covered cameras, shared with the scene's world."""
+    """`emulator.world.world` for one scene. covered: names of covered cameras, shared with the scene's world."""
 
     def __init__(
         self, model: Any, data: Any, names: Collection[str], wires: Wires, cameras: Collection[str], covered: set[str]

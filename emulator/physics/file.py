@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from msgspec import Meta
 
 from emulator.physics.description import Barrier, Camera, Mounted, moving_of, section
-from emulator.physics.grippers import GripperShape, parallel_gripper, robotiq_gripper
-from emulator.physics.plan import STEP_S, Cup, MountedShape, PhysicsPlan, Plate
+from emulator.physics.plan import (
+    STEP_S,
+    Cup,
+    GripperShape,
+    MountedShape,
+    PhysicsPlan,
+    Plate,
+    parallel_gripper,
+    robotiq_gripper,
+)
 from emulator.world.world import World, WorldError
 from urproto.extras import how_to_install
 from urproto.robotiq import GripperModel
@@ -35,7 +43,6 @@ class ScenePlan(PhysicsPlan):
     """A plan that loads MuJoCo when it is used."""
 
     def build(self, model: RobotModel, period_s: float) -> "PhysicsWorld":
-        """Build a separate world for one arm. Raises WorldError."""
         from emulator.physics.scene import SceneError, build
         from emulator.physics.world import PhysicsWorld
 

@@ -7,7 +7,7 @@ import mujoco
 
 from emulator.physics.arm_bodies import PREFIX, quaternion
 from emulator.physics.contacts import Kind, touching
-from emulator.physics.grippers import GripperShape
+from emulator.physics.plan import GripperShape
 
 _SIDES: Final = (("left", 1.0), ("right", -1.0))
 _FINGER_KG: Final = 0.1
@@ -97,7 +97,6 @@ class Fingers:
         return [self._setpoint, self._force, self._stopped_s, self.width]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Restore a state from `save`."""
         self._setpoint, self._force, self._stopped_s, self.width = values
         self._model.actuator_forcerange[self._motors] = (-self._force, self._force)
 

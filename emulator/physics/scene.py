@@ -10,12 +10,11 @@ import mujoco
 import numpy as np
 
 from emulator.physics.arm_bodies import FLANGE, MOUNTING, PREFIX, TOOL, DrivenArm, add_arm, quaternion
-from emulator.physics.changer import add_changer
 from emulator.physics.contacts import Kind, classify, touching
 from emulator.physics.description import Camera, Joint, Moving
 from emulator.physics.fingers import add_fingers
+from emulator.physics.holders import add_changer, add_suction
 from emulator.physics.plan import MountedShape, PhysicsPlan
-from emulator.physics.suction import add_suction
 from urproto.robots import RobotModel, kinematics_of
 from urproto.worldfile import ObjectDescription
 
@@ -182,6 +181,7 @@ def _half(thing: ObjectDescription) -> Sequence[float]:
 
 def _add_joint(spec: Any, body: Any, name: str, joint: Joint, *, turns: bool) -> None:
     kind = mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE
+    degrees = turns and spec.compiler.degree
     # In 4.0 the polynomial spring's and damper's first coefficients are those of the linear ones.
     body.add_joint(
         name=name,
@@ -189,11 +189,7 @@ def _add_joint(spec: Any, body: Any, name: str, joint: Joint, *, turns: bool) ->
         axis=list(joint.axis),
         pos=list(joint.at),
         limited=True,
-        range=list(joint.range)
-        if not turns
-        else [np.degrees(end) for end in joint.range]
-        if spec.compiler.degree
-        else list(joint.range),
+        range=[float(np.degrees(end)) if degrees else end for end in joint.range],
         stiffness=[joint.stiffness, 0.0, 0.0],
         damping=[joint.damping, 0.0, 0.0],
         armature=_ARMATURE_KG if joint.output is not None else 0.0,

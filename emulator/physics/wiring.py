@@ -12,10 +12,9 @@ import numpy as np
 from emulator.devices.robotiq import Gripper
 from emulator.io.encoders import Encoders
 from emulator.io.signals import Signals
-from emulator.physics.changer import ToolChanger
 from emulator.physics.description import Barrier, Conveyor, Parallel
 from emulator.physics.fingers import Fingers
-from emulator.physics.suction import SuctionCup
+from emulator.physics.holders import SuctionCup, ToolChanger
 
 if TYPE_CHECKING:
     from emulator.physics.plan import PhysicsPlan
@@ -119,7 +118,6 @@ class Wires:
         return [value for part in self._keeping for value in part.save()]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Restore a state from `save`."""
         left = list(values)
         for part in self._keeping:
             count = len(part.save())

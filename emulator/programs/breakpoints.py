@@ -30,7 +30,6 @@ class Breakpoints:
         self.armed = False
 
     def set(self, numbers: Iterable[int]) -> None:
-        """Replace the breakpoints."""
         self.numbers = frozenset(numbers)
         self._behind = {thread: number for thread, number in self._behind.items() if number in self.numbers}
         self._arm()

@@ -175,7 +175,6 @@ class Interpreter:
 
     @property
     def active(self) -> bool:
-        """Whether the program is in interpreter_mode()."""
         return self._mode is not None
 
     # the program
@@ -258,13 +257,11 @@ class Interpreter:
     # the built-ins
 
     def enter(self, scope: Locals, *, clear_queue: bool, clear_on_end: bool) -> None:
-        """interpreter_mode() was called."""
         if clear_queue:
             self.queue.discard_received(Reason.CLEANED_UP)
         self._mode = _Mode(scope, clear_on_end)
 
     def execute(self) -> Generator[bool | None, None, None]:
-        """Execute statements as they arrive, until the mode ends."""
         mode, runtime, queue = self._mode, self._runtime, self.queue
         assert mode is not None, "entered before"
         assert runtime is not None, "interpreter mode is part of a program"
@@ -286,7 +283,6 @@ class Interpreter:
             self._mode.ending = True
 
     def leave(self) -> None:
-        """interpreter_mode() returns."""
         mode, self._mode, self._job = self._mode, None, None
         self.queue.end()
         if mode is not None and mode.clear_on_end:

@@ -1,7 +1,9 @@
-"""Loading and playing of program files."""
+"""Loading and playing of program files, and the folder that they are in."""
 
+import shutil
+import tempfile
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -304,3 +306,14 @@ def _script(path: Path, text: str) -> Steps[LoadedProgram]:
         raise ProgramLoadError(f"{path.name} contains {len(units)} programs: send them to a script port, one at a time")
     note = f"{path.name} contains {len(units)} programs: as one program, they are functions that are never called"
     return LoadedProgram(path, inlined(path.stem, text), notes=[note])
+
+
+def ensure_programs_folder(machine: Machine) -> Path:
+    """Return the programs folder. If none was given, create a temporary one, which the system may clear."""
+    folder = machine.config.programs_dir
+    if folder is None:
+        folder = Path(tempfile.mkdtemp(prefix="ur-emulator-programs-"))
+        shutil.copytree(DRIVER_PROGRAMS, folder, dirs_exist_ok=True)  # these are available without a folder, too
+        machine.config = replace(machine.config, programs_dir=folder)
+        machine.messages.note(f"there is no programs folder: files are saved to {folder}, see --programs")
+    return folder

@@ -41,7 +41,7 @@ from urproto.primary.messages import PROGRAM_PAUSED, PROGRAM_RESUMED, PROGRAM_ST
 from urproto.versions import Series
 from urscript.compiler import CompiledProgram
 from urscript.runtime import Runtime
-from urscript.work import Steps, run_to_end
+from urscript.work import Steps
 
 _SOCKET_GAP_S: Final = 0.012  # from closing sockets to the next program; the official driver needs more than 0.2 ms
 # Duration of RESUMING. The durations of controllers are not public; drivers that react to the state receive it at
@@ -92,7 +92,7 @@ class Programs:
         self.interpreter = Interpreter(machine.work, self._note, machine.motion.commands.abort)
         self._player = Player(machine, self, self._compiling.texts)
         self._main: Runtime | None = None
-        self._host: ProgramHost | None = None
+        self.host: ProgramHost | None = None
         self._ended = ""  # name of the program that is STOPPING
         self._next: CompiledProgram | None = None
         self._reads_state = False
@@ -105,8 +105,8 @@ class Programs:
     @property
     def name(self) -> str:
         """Name of the running program, else of the loaded file, else empty."""
-        if self._host is not None:
-            return self._host.name
+        if self.host is not None:
+            return self.host.name
         return self.loaded.path.name if self.loaded else ""
 
     @property
@@ -120,11 +120,6 @@ class Programs:
         return self.view is not None and self._player.made(self.view.program)
 
     @property
-    def host(self) -> ProgramHost | None:
-        """The main program's host."""
-        return self._host
-
-    @property
     def busy(self) -> bool:
         """Whether a program is running, paused, waiting or being compiled."""
         waiting = bool(self._next or self._secondary or self._compiling.waiting)
@@ -132,7 +127,6 @@ class Programs:
 
     @property
     def texts(self) -> CompiledTexts:
-        """What this robot has compiled."""
         return self._compiling.texts
 
     @property
@@ -147,7 +141,6 @@ class Programs:
 
     @property
     def variables(self) -> Mapping[str, Any]:
-        """The main program's global variables."""
         return self._main.globals if self._main else {}
 
     @property
@@ -177,10 +170,6 @@ class Programs:
         self._compiling.add(submission)
         self._decide()
         return submission
-
-    def load_file(self, path: Path) -> None:
-        """Load a program without interruption; see `load_steps`."""
-        run_to_end(self.load_steps(path))
 
     def load_steps(self, path: Path) -> Steps[None]:
         """Load the program that ``play`` starts and end the running one, in pieces for a control loop.
@@ -232,7 +221,7 @@ class Programs:
         """Continue after a pause; returns False if the program is not paused or the arm may not move."""
         if not self._machine.may_play or not self._event(RunEvent.RESUME):
             return False
-        if self._host is None or self._host.waiting_for is None:
+        if self.host is None or self.host.waiting_for is None:
             self._machine.motion.resume()
         self._resumed = self._machine.step_count + ceil(_RESUMING_S / self._machine.period_s)
         self._machine.messages.key(PROGRAM_RESUMED, self.name)
@@ -254,8 +243,8 @@ class Programs:
 
     def abandon(self) -> None:
         """Discard all programs, even if the running one is in an inconsistent state; used by the guard."""
-        main, host = self._main, self._host
-        self._ended, self._main, self._host, self._next = self.name, None, None, None
+        main, host = self._main, self.host
+        self._ended, self._main, self.host, self._next = self.name, None, None, None
         self.state, self._not_before = RuntimeState.STOPPED, 0
         self._secondary.clear()
         self.watchdogs.clear()
@@ -291,7 +280,7 @@ class Programs:
         self._settle()
         self._start_next()
         # Secondary programs run before the main one, which sees their changes in the same period.
-        self._secondary.run(self._host)
+        self._secondary.run(self.host)
         if self._frame_is_due():
             self._run_main()
 
@@ -309,11 +298,9 @@ class Programs:
 
     @property
     def paused(self) -> bool:
-        """Whether the main program is paused or being paused."""
         return self.state in _PAUSED
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write the main program's state to a snapshot."""
         state = self.state
         snapshot.runtime_state = state
         snapshot.program_name = self.name
@@ -358,9 +345,9 @@ class Programs:
             # sets the payload, which zeroes the sensor; a script that a client sends has no preamble (guess).
             self._machine.arm.zero_force()
         self._reads_state = _READS_STATE in program.builtins
-        self._host = ProgramHost(self._machine, self, name=program.name)
-        self._main = Runtime(program, self._host)
-        self._host.attach(self._main)
+        self.host = ProgramHost(self._machine, self, name=program.name)
+        self._main = Runtime(program, self.host)
+        self.host.attach(self._main)
         self.view = ProgramView(self.view.number + 1 if self.view else 1, self._main)
         self.interpreter.program_started(self._main)
         self.breakpoints.program_started()
@@ -378,7 +365,7 @@ class Programs:
         self._report(f"program {program.name} was not started: {_NOT_READY}")
 
     def _run_main(self) -> None:
-        main, host = self._main, self._host
+        main, host = self._main, self.host
         assert main is not None
         assert host is not None
         if self.frames_held:
@@ -400,7 +387,7 @@ class Programs:
 
     def _suspended(self) -> bool:
         """Whether a blocking popup holds the program; the arm waits on its path."""
-        host = self._host
+        host = self.host
         if host is None or (popup := host.waiting_for) is None:
             return False
         if popup.open:
@@ -463,7 +450,7 @@ class Programs:
 
     def _end(self) -> None:
         """Clean up everything of the main program."""
-        machine, main, host = self._machine, self._main, self._host
+        machine, main, host = self._machine, self._main, self.host
         assert main is not None
         assert host is not None
         main.stop()
@@ -479,7 +466,7 @@ class Programs:
         unscheduled = main.error is not None or machine.safety.mode in _UNSCHEDULED_ENDS
         self.outputs.program_stopped(unscheduled=unscheduled)
         self.modbus.program_stopped(unscheduled=unscheduled)
-        self._ended, self._main, self._host = host.name, None, None
+        self._ended, self._main, self.host = host.name, None, None
 
     def _event(self, event: RunEvent) -> bool:
         """Apply an event to the run-state table; returns False if it changes nothing."""

@@ -32,7 +32,6 @@ class SecondaryPrograms:
         self._new.append(program)
 
     def clear(self) -> None:
-        """Discard all programs."""
         for _, host in self._connecting:
             host.sockets.close_all()
         self._new, self._connecting = [], []

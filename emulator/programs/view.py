@@ -15,12 +15,10 @@ class ProgramView:
 
     @property
     def program(self) -> CompiledProgram:
-        """The program that runs, or ran."""
         return self._runtime.program
 
     @property
     def running(self) -> bool:
-        """False when the program is over."""
         return not self._runtime.finished
 
     @property
@@ -34,7 +32,6 @@ class ProgramView:
 
     @property
     def labelled(self) -> bool:
-        """Whether the program has any labels."""
         return bool(self._runtime.program.labels)
 
     @property

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from emulator.reporting.refusals import RefusalLog
 from urproto.errorcodes import error_text
+from urproto.log_throttle import LogThrottle
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import (
     NO_TIMESTAMP_US,
@@ -19,10 +19,43 @@ from urproto.primary.messages import (
     TextMessage,
 )
 from urproto.primary.program_state import VariableMessage
+from urproto.text import readable
 
+_MAX_REASONS: Final = 20  # that are throttled separately; all others share one limit (guess)
+_MOST_SHOWN: Final = 400  # characters of a reason, which may quote the script
 _HISTORY_LINES: Final = 10_000  # guess; bounds memory
 
 _logger = logging.getLogger(__name__)
+
+
+class RefusalLog:
+    """One line of the emulator's own log, at its default level, for each script that was refused.
+
+    Clients that send scripts get no answer: without this line, nobody at the terminal learns that a program was not
+    started, nor why. Each reason is logged immediately, then at most once a minute. clock_s: robot time [s].
+    """
+
+    def __init__(self, clock_s: Callable[[], float]) -> None:
+        self._clock_s = clock_s
+        self._throttles: dict[str, LogThrottle] = {}
+        self._other = LogThrottle(clock_s)
+
+    def report(self, origin: str, reason: str) -> None:
+        """Log that a script was not started. origin: which one it was, and where it came from."""
+        more = self._throttle(reason).due()
+        if more is not None:
+            _logger.warning("%s was not started: %s%s", _on_one_line(origin), _on_one_line(reason), more)
+
+    def _throttle(self, reason: str) -> LogThrottle:
+        if reason not in self._throttles and len(self._throttles) >= _MAX_REASONS:
+            return self._other
+        return self._throttles.setdefault(reason, LogThrottle(self._clock_s))
+
+
+def _on_one_line(text: str) -> str:
+    """Text of a client for a terminal: without line breaks, control characters and invalid bytes."""
+    shown = "".join(letter if letter.isprintable() else " " for letter in readable(text))
+    return shown if len(shown) <= _MOST_SHOWN else f"{shown[:_MOST_SHOWN]}..."
 
 
 class MessageLog:
@@ -81,7 +114,6 @@ class MessageLog:
         self.emit(KeyMessage(title=title, text=text))
 
     def safety_mode(self, mode: SafetyMode) -> None:
-        """Report a change of the safety mode."""
         self.emit(SafetyModeMessage(safety_mode=mode))
 
     def error(self, code: int, argument: int = 0, level: ReportLevel = ReportLevel.WARNING, text: str = "") -> None:

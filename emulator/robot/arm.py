@@ -20,18 +20,16 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from emulator.robot.chance import Chances
 from emulator.robot.collisions import CollisionWindows
 from emulator.robot.drives import Drives, TorqueCommand
-from emulator.robot.efforts import Efforts, IdealEfforts, JointMotion, currents, demanded
-from emulator.robot.flange_sensors import FlangeSensors, weight_difference
+from emulator.robot.efforts import Efforts, IdealEfforts, JointMotion, StaticFriction, currents, demanded
 from emulator.robot.installation import Installation, Payload
 from emulator.robot.motion_bounds import MotionBounds
 from emulator.robot.sensors import Sensors
-from emulator.robot.staticfriction import StaticFriction
-from emulator.robot.tool import ToolMotion, ToolState
+from emulator.robot.tool import FlangeSensors, ToolMotion, ToolState, weight_difference
 from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
 from urproto.robots.measured import drivetrain_of
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, add, add3, largest, rate, sub
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, add, add3, largest, lerp, rate, sub
 from urproto.versions import Series
 
 if TYPE_CHECKING:
@@ -108,10 +106,12 @@ class Arm:
         self._mounted: Payload | None = None
         self._gravity: Vector3 | None = None
         self._base_acceleration: Vector3 | None = None
-        self._effective_gravity: Vector3 = ZERO3  # gravity and the base's acceleration together
+        self.effective_gravity: Vector3 = (
+            ZERO3  # and the base's acceleration, base frame, sign as of set_gravity [m/s2]
+        )
         self._ordinary_load = True
         self._driven = False
-        self._known = False  # False until the first update
+        self.known = False  # whether its position is known: not before the first update
         self._force_zeroed = False
         self._released = False
         self._tool_at = partial(ToolState, self.kinematics, model.elbow_offset)
@@ -121,23 +121,15 @@ class Arm:
 
     @property
     def flange_pose(self) -> Pose:
-        """Actual pose of the tool flange."""
         return self.state.tool.now.flange_pose
 
     @property
     def tcp_pose(self) -> Pose:
-        """Actual pose of the TCP."""
         return self.state.tool.now.pose
 
     @property
     def tcp_speed(self) -> Vector6:
-        """Actual velocity of the TCP."""
         return self.state.tool.now.speed
-
-    @property
-    def tcp_acceleration(self) -> Vector6:
-        """Actual acceleration of the TCP."""
-        return self.state.tool.acceleration
 
     @property
     def elbow_position(self) -> Vector3:
@@ -146,7 +138,6 @@ class Arm:
 
     @property
     def elbow_velocity(self) -> Vector3:
-        """Actual velocity of the elbow."""
         return self.state.tool.elbow_velocity
 
     @property
@@ -178,16 +169,6 @@ class Arm:
     def ordinary(self) -> bool:
         """Whether load and TCP are such that a plausible motion has plausible torques, poses and wrenches."""
         return self._ordinary_load and (self.tcp_offset is ZERO6 or largest(self.tcp_offset) < _ORDINARY)
-
-    @property
-    def known(self) -> bool:
-        """Whether the arm's position is known: not before the first ``update``."""
-        return self._known
-
-    @property
-    def effective_gravity(self) -> Vector3:
-        """Gravity plus the base's acceleration, base frame, with the sign of set_gravity [m/s2]."""
-        return self._effective_gravity
 
     @property
     def following_error(self) -> Vector6:
@@ -228,10 +209,10 @@ class Arm:
         """
         if self.drives is not None:
             body = self.drives.body
-            return _onwards(body.q, body.qd, period_s), body.qd
-        braking = _within(_onwards(ZERO6, qd, -1.0 / period_s), self.model.qdd_max)
-        speed = _onwards(qd, braking, period_s)
-        return _onwards(q, speed, period_s), speed
+            return lerp(body.q, body.qd, period_s), body.qd
+        braking = _within(lerp(ZERO6, qd, -1.0 / period_s), self.model.qdd_max)
+        speed = lerp(qd, braking, period_s)
+        return lerp(q, speed, period_s), speed
 
     # one period
 
@@ -254,8 +235,8 @@ class Arm:
         news = self._moved(motion, installation.tcp, wrench, driven) or loads_changed
         if not (news or self._may_change):
             return False
-        started = not self._known
-        self._known, self._force_zeroed = True, False
+        started = not self.known
+        self.known, self._force_zeroed = True, False
         self.target_q, self.target_qd, self.target_qdd = motion
         self.wrench, self._driven, self.tcp_offset = wrench, driven, installation.tcp
         self._link_torque = self.link_torque
@@ -289,7 +270,7 @@ class Arm:
         self.force_bias = self._payload_error = ZERO6
         self.collisions.clear()
         self._payload = self._gravity = None
-        self._known = self._driven = False
+        self.known = self._driven = False
         if self.drives is not None:
             self.drives.place(q)
             self._static_friction.forget()
@@ -302,7 +283,6 @@ class Arm:
         return ArmState(tool, tool, here, sensors, Efforts(self.dynamics, (q, ZERO6, ZERO6)))
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write the results of ``update`` to a snapshot."""
         snapshot.arm = self.state
         snapshot.target_q, snapshot.actual_q = self.target_q, self.measured_q
         snapshot.target_qd, snapshot.actual_qd = self.target_qd, self.measured_qd
@@ -323,13 +303,13 @@ class Arm:
             return False
         self._payload, self._gravity = installation.payload, installation.gravity
         self._base_acceleration, self._mounted = installation.base_acceleration, self.mounted
-        self._effective_gravity = add3(self._gravity, self._base_acceleration)
+        self.effective_gravity = add3(self._gravity, self._base_acceleration)
         self.dynamics = self.dynamics.copy()  # what is computed later of the periods so far has the other one
         self._load(self.dynamics, self._payload)
         self.bounds.load(self._payload.mass)
         loads = (self._payload, self._mounted or self._payload)
         numbers = (
-            *self._effective_gravity,
+            *self.effective_gravity,
             *(part for load in loads for part in (load.mass, *load.cog, *load.inertia)),
         )
         self._ordinary_load = largest(numbers) < _ORDINARY
@@ -340,7 +320,7 @@ class Arm:
 
     def _load(self, dynamics: "Dynamics", payload: Payload) -> None:
         dynamics.set_payload(payload.mass, payload.cog, payload.inertia)
-        dynamics.set_gravity(self._effective_gravity)
+        dynamics.set_gravity(self.effective_gravity)
 
     def _moved(self, motion: JointMotion, tcp: Pose, wrench: Vector6, driven: bool) -> bool:
         q, qd, qdd = motion
@@ -354,7 +334,7 @@ class Arm:
             or driven is not self._driven
             or self._force_zeroed
             or self._released
-            or not self._known
+            or not self.known
             or not self.state.target.settled
         )
 
@@ -411,17 +391,17 @@ class Arm:
         if not math.isfinite(sum(torque)):
             return ZERO6
         excess = max(abs(value) / most for value, most in zip(torque, self.model.torque_max, strict=True))
-        return torque if excess <= _MAX_PUSH else _onwards(ZERO6, torque, _MAX_PUSH / excess)
+        return torque if excess <= _MAX_PUSH else lerp(ZERO6, torque, _MAX_PUSH / excess)
 
     def _read_sensors(self, tool: ToolMotion, installation: Installation) -> FlangeSensors:
         measured = self.wrench
         self._payload_error = ZERO6
         if self._mounted is not None and not self._mounted.has_same_weight(installation.payload):
-            known, gravity = installation.payload, self._effective_gravity
+            known, gravity = installation.payload, self.effective_gravity
             self._payload_error = weight_difference(tool.now, self._mounted, known, gravity)
             measured = add(measured, self._payload_error)
         sensors = FlangeSensors(
-            tool, self._mounted or installation.payload, self._effective_gravity, self.wrench, self.sensor_in_flange
+            tool, self._mounted or installation.payload, self.effective_gravity, self.wrench, self.sensor_in_flange
         )
         if self.drives is not None:
             sensors.acceleration = self._sensors.accelerometer(sensors.acceleration)
@@ -476,12 +456,7 @@ def _with_rotors(torque: Vector6, rotors: Vector6, qdd: Vector6) -> Vector6:
     return (a, b, c, d, e, f)
 
 
-def _onwards(start: Vector6, rate: Vector6, time_s: float) -> Vector6:
-    a, b, c, d, e, f = (at + time_s * change for at, change in zip(start, rate, strict=True))
-    return (a, b, c, d, e, f)
-
-
 def _within(values: Vector6, most: Vector6) -> Vector6:
     """Scale all values by the same factor so that none exceeds its limit."""
     excess = max(abs(value) / limit for value, limit in zip(values, most, strict=True))
-    return values if excess <= 1.0 else _onwards(ZERO6, values, 1.0 / excess)
+    return values if excess <= 1.0 else lerp(ZERO6, values, 1.0 / excess)

@@ -24,7 +24,7 @@ from typing import Final
 from emulator.robot.body import STEP_S, Body
 from urproto.robots import RobotModel
 from urproto.robots.measured import drivetrain_of, loops
-from urproto.vectors import ZERO6, Vector6, add, rate, sub
+from urproto.vectors import ZERO6, Vector6, add, as_six, rate, sub
 
 # fractions of friction that direct torque compensates: defaults of the official drivers' friction model parameters
 VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
@@ -254,5 +254,4 @@ def _largest_inertia(model: RobotModel) -> Vector6:
     body = Body(model)
     body.dynamics.set_payload(model.payload_max_kg, _FULL_PAYLOAD_COG)
     diagonals = [[row[i] for i, row in enumerate(body.dynamics.mass_matrix(q))] for q in _STRETCHED]
-    a, b, c, d, e, f = (max(inertia) for inertia in zip(*diagonals, strict=True))
-    return (a, b, c, d, e, f)
+    return as_six(max(inertia) for inertia in zip(*diagonals, strict=True))

@@ -11,7 +11,7 @@ from typing import Final
 from emulator.snapshot import Marked, Snapshot, plausible
 from urproto.robots.model import UPRIGHT_GRAVITY
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
+from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6, lerp, scaled_sum3, sub, sub3
 from urscript.polyscope.installation_file import InstallationFile
 
 _STANDING: Final = ZERO3
@@ -41,8 +41,8 @@ class Payload:
         """Linear interpolation: 0 is this payload, 1 the target."""
         return Payload(
             self.mass + alpha * (target.mass - self.mass),
-            _mix3(self.cog, target.cog, alpha),
-            _mix6(self.inertia, target.inertia, alpha),
+            scaled_sum3(self.cog, 1.0, sub3(target.cog, self.cog), alpha),
+            lerp(self.inertia, sub(target.inertia, self.inertia), alpha),
         )
 
 
@@ -113,24 +113,20 @@ class Installation(Marked):
             self.payload = moving.start.towards(moving.target, moving.elapsed_s / moving.duration_s)
 
     def apply(self, path: Path, file: InstallationFile) -> None:
-        """Apply the contents of an installation file."""
         self.name, self.path, self.file = path.name, path, file
         self.use_tcp()
         self.use_mounting()
         self.use_payload()
 
     def use_tcp(self) -> None:
-        """Apply the file's TCP, if it has one."""
         if self.file.tcp is not None:
             self.tcp = self.file.tcp
 
     def use_mounting(self) -> None:
-        """Apply the file's mounting, if it has one."""
         if self.file.gravity is not None:
             self.gravity = self.file.gravity
 
     def use_payload(self) -> None:
-        """Apply the file's payload, if it has one."""
         if self.file.payload is not None:
             payload = self.file.payload
             self.set_payload(Payload.of(payload.mass, payload.cog, payload.inertia))
@@ -149,12 +145,3 @@ def _sphere_inertia(mass: float) -> Vector6:
     radius = (3.0 * max(mass, 0.0) / (4.0 * math.pi * _PAYLOAD_DENSITY)) ** (1.0 / 3.0)
     moment = 0.4 * mass * radius * radius
     return (moment, moment, moment, 0.0, 0.0, 0.0)
-
-
-def _mix3(a: Vector3, b: Vector3, alpha: float) -> Vector3:
-    return (a[0] + alpha * (b[0] - a[0]), a[1] + alpha * (b[1] - a[1]), a[2] + alpha * (b[2] - a[2]))
-
-
-def _mix6(a: Vector6, b: Vector6, alpha: float) -> Vector6:
-    x, y, z, u, v, w = (p + alpha * (q - p) for p, q in zip(a, b, strict=True))
-    return (x, y, z, u, v, w)

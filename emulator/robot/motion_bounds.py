@@ -4,7 +4,7 @@ from math import hypot, inf
 
 from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO6
+from urproto.vectors import ZERO6, as_six
 
 
 class MotionBounds:
@@ -69,5 +69,4 @@ def radii(model: RobotModel) -> Joints:
     """Upper bound of the distance from each joint's axis to any part of the arm beyond it [m]."""
     dh = model.dh
     lengths = [hypot(a, d) for a, d in zip(dh.a, dh.d, strict=True)]
-    a, b, c, d, e, f = (sum(lengths[max(joint, 1) :]) for joint in range(6))
-    return a, b, c, d, e, f
+    return as_six(sum(lengths[max(joint, 1) :]) for joint in range(6))

@@ -137,7 +137,6 @@ class WorldModel:
     # poses
 
     def in_world(self, name: str, arm: ArmPose) -> Pose:
-        """The frame's pose in the world."""
         self._check_known(name)
         pose = _ORIGIN
         for link in self._chain(name):
@@ -153,7 +152,6 @@ class WorldModel:
         return pose_trans(pose_trans(axes, relative), pose_inv(axes))
 
     def convert(self, pose: Pose, source: str, target: str, arm: ArmPose) -> Pose:
-        """Convert a pose from one frame to another."""
         return pose_trans(self.pose(source, target, target, arm), pose)
 
     def carries(self, carrier: str, name: str) -> bool:
@@ -185,7 +183,6 @@ class WorldModel:
     # masses
 
     def set_mass(self, name: str, properties: MassProperties) -> None:
-        """Set the mass that a frame carries."""
         self._check_known(name)
         self._masses[name] = properties
 

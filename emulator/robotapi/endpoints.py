@@ -75,7 +75,6 @@ class Operation:
 
     @property
     def help(self) -> str:
-        """Description of the request."""
         return inspect.getdoc(self.function) or ""
 
 

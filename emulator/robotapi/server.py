@@ -6,7 +6,7 @@ them, are accepted like addresses.
 """
 
 import re
-from collections.abc import Collection, Generator
+from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -18,13 +18,12 @@ from emulator.controller import Controller
 from emulator.mailbox import Command
 from emulator.robotapi.endpoints import OPERATIONS, Operation, Upload
 from emulator.robotapi.messages import ApiError, InvalidPart, ValidationError
-from emulator.robotapi.multipart import parts
-from emulator.robotapi.openapi import openapi
 from emulator.servers import http
 from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer, ServedController
-from urproto.robotapi import BASE, MAX_UPLOAD, OPENAPI, URCAPS
+from urproto.robotapi import BASE, MAX_UPLOAD, OPENAPI, URCAPS, api_version
+from urproto.versions import PolyscopeVersion
 
 _FORM: Final = "multipart/form-data"
 _FILE: Final = "file"
@@ -33,6 +32,25 @@ _METHODS_OF_URCAPS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _CALL_WORK: Final = 20  # [units of `urscript.work`], next to what HTTP costs
 _AT: Final = re.compile(r" - at `\$\.?([^`]*)`")
 _LOCAL_CONTROL: Final = "the robot is in local control: switch it to Remote Control on its pendant"
+_BOUNDARY: Final = re.compile(r'boundary=(?:"([^"]{1,70})"|([^\s;"]{1,70}))', re.IGNORECASE)
+_PART_NAME: Final = re.compile(r'(?:^|;)\s*name="([^"]*)"|(?:^|;)\s*name=([^\s;"]+)', re.IGNORECASE)
+_LINE_END: Final = b"\r\n"
+_SCHEMAS: Final = "#/components/schemas/{name}"
+_REFUSALS: Final = {
+    "400": "The program exists already.",
+    "403": "The robot is in local control, or the request comes from another site's web page.",
+    "404": "There is no such program.",
+    "409": "The robot cannot do that in the state it is in.",
+    "413": "The request is too large.",
+    "415": "The content type is not supported.",
+    "500": "The emulator failed.",
+    "504": "The robot takes too long.",
+}
+_UPLOADED: Final = {
+    "type": "object",
+    "properties": {"file": {"type": "string", "contentMediaType": "application/octet-stream"}},
+    "required": ["file"],
+}
 
 
 class RobotApiServer(PortServer):
@@ -47,7 +65,6 @@ class RobotApiServer(PortServer):
 
     @cached_property
     def document(self) -> bytes:
-        """The OpenAPI document."""
         return http.as_json(openapi(self.operations, self.controller.version))
 
 
@@ -162,7 +179,7 @@ def _arguments(operation: Operation, name: str, request: http.Request) -> tuple[
     if operation.upload:
         http.check_type(request, _FORM)
         try:
-            found = parts(request.headers["content-type"], request.body)
+            found = _parts_of(request.headers["content-type"], request.body)
         except ValueError as error:
             raise _InvalidRequestError(["body"], str(error)) from error
         if _FILE not in found:
@@ -194,3 +211,81 @@ def _check_origin(request: http.Request) -> None:
     origin = request.headers.get("origin")
     if origin is not None and urlsplit(origin).netloc != request.headers.get("host", ""):
         raise http.HttpError(http.FORBIDDEN, f"web pages of {origin[:100]} may not use the robot")
+
+
+def _parts_of(content_type: str, body: bytes) -> dict[str, bytes]:
+    """The parts of a form (RFC 7578) by name; the last one if a name occurs several times. Raises ValueError."""
+    match = _BOUNDARY.search(content_type)
+    if match is None:
+        raise ValueError("the content type names no boundary")
+    delimiter = b"--" + (match[1] or match[2]).encode("latin-1")
+    pieces = (_LINE_END + body).split(_LINE_END + delimiter)
+    if len(pieces) < 3 or not pieces[-1].startswith(b"--"):
+        raise ValueError("the form does not end with its boundary")
+    found = {}
+    for piece in pieces[1:-1]:
+        head, separator, content = piece.lstrip(b" \t").removeprefix(_LINE_END).partition(_LINE_END * 2)
+        if not separator:
+            raise ValueError("the headers of a part of the form are not terminated")
+        found[_part_name(head)] = content
+    return found
+
+
+def _part_name(head: bytes) -> str:
+    for line in head.decode("latin-1").split("\r\n"):
+        field, _, value = line.partition(":")
+        if field.strip().lower() == "content-disposition" and (match := _PART_NAME.search(value)):
+            return match[1] or match[2] or ""
+    raise ValueError("a part of the form has no name")
+
+
+def openapi(operations: Sequence[Operation], version: PolyscopeVersion) -> dict[str, Any]:
+    """OpenAPI 3.1, with the requests that a controller of this version supports."""
+    kinds = [kind for operation in operations for kind in (operation.body, operation.answer) if _is_struct(kind)]
+    schemas, components = msgspec.json.schema_components([*kinds, ApiError, ValidationError], ref_template=_SCHEMAS)
+    schema_of = dict(zip([*kinds, ApiError, ValidationError], schemas, strict=True))
+    paths: dict[str, dict[str, Any]] = {}
+    for operation in operations:
+        place = operation.endpoint
+        paths.setdefault(place.path, {})[place.method.lower()] = _operation(operation, schema_of)
+    return {
+        "openapi": "3.1.0",
+        "info": {
+            "title": "Robot API, emulated",
+            "version": api_version(version),
+            "description": f"As in PolyScope {version.short}. The descriptions of the requests are the emulator's own.",
+        },
+        "servers": [{"url": BASE}],
+        "paths": paths,
+        "components": {"schemas": components},
+    }
+
+
+def _is_struct(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
+def _operation(operation: Operation, schema_of: dict[Any, Any]) -> dict[str, Any]:
+    place = operation.endpoint
+    described: dict[str, Any] = {
+        "operationId": operation.function.__name__,
+        "summary": operation.help.partition("\n")[0],
+        "description": operation.help,
+        "responses": {
+            "200": {"description": "Done.", "content": {http.JSON: {"schema": schema_of.get(operation.answer, {})}}},
+            **{status: _refusal(text, schema_of[ApiError]) for status, text in _REFUSALS.items()},
+            "422": _refusal("The request is invalid.", {"anyOf": [schema_of[ValidationError], schema_of[ApiError]]}),
+        },
+    }
+    if operation.body is not None:
+        described["requestBody"] = {"required": True, "content": {http.JSON: {"schema": schema_of[operation.body]}}}
+    if operation.upload:
+        described["requestBody"] = {"required": True, "content": {_FORM: {"schema": _UPLOADED}}}
+    if operation.named:
+        described["parameters"] = [{"name": "name", "in": "path", "required": True, "schema": {"type": "string"}}]
+    assert (operation.named) == ("{name}" in place.path), place.path
+    return described
+
+
+def _refusal(text: str, schema: Any) -> dict[str, Any]:
+    return {"description": text, "content": {http.JSON: {"schema": schema}}}

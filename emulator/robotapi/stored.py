@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from emulator.controller import Controller
-from emulator.programs.loading import DEFAULT_URPX, MAX_PROGRAMS
-from emulator.programs.own_folder import ensure_programs_folder
+from emulator.programs.loading import DEFAULT_URPX, MAX_PROGRAMS, ensure_programs_folder
 from emulator.servers.http import BAD, INVALID, NOT_FOUND, HttpError
 from urproto.durable import writing
 from urproto.robotapi import DEFAULT_PROGRAM

@@ -6,6 +6,8 @@ what the new safety mode requires: stop categories, the state of the program, th
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
+from math import hypot
 from typing import Final
 
 from emulator.lifecycle.power import PowerEvent, PowerState
@@ -16,8 +18,7 @@ from emulator.safety.causes import Cause
 from emulator.safety.conditions import Conditions
 from emulator.safety.geometry import Boundaries
 from emulator.safety.governor import TRANSITION_S, Governor, manual_limits, operational_positions
-from emulator.safety.signals import SafetyDevice, SafetyInputs, drive_outputs, output_levels
-from emulator.safety.stop_monitor import StopMonitor, StopRecord
+from emulator.safety.signals import SafetyInputs, drive_outputs, output_levels
 from emulator.safety.supervision import Finding, Supervision
 from emulator.snapshot import Snapshot
 from urproto.modes import ControlMode, JointMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatusBits
@@ -34,6 +35,8 @@ _STOPS_COUNTED_S: Final = 8 * 3600.0
 _MAX_STOPS: Final = 50  # dashboard manual, on C163
 _ENABLING_BIT: Final = Availability.since(None, "5.25")
 _HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
+_STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes at most 500 ms
+_REST_RAD_S: Final = 0.2  # CB3 manual: a slower joint counts as standing
 
 
 class SafetyBoard:
@@ -68,7 +71,7 @@ class SafetyBoard:
         self._positions_apply()
 
     @property
-    def last_stop(self) -> StopRecord | None:
+    def last_stop(self) -> "StopRecord | None":
         """Record of the last stop; None if there was none."""
         return self._stop_monitor.last
 
@@ -159,7 +162,7 @@ class SafetyBoard:
     def trip(self, cause: Cause, joint: int | None = None, text: str = "") -> bool:
         """Trigger a cause that has a report code; returns True if the safety mode changed.
 
-        Lasting conditions are not triggered but held: see `set_device`. Raises ValueError for those, and for causes
+        Lasting conditions are not triggered but held: see `SafetyInputs`. Raises ValueError for those, and for causes
         that this series does not have.
         """
         row = cause.value
@@ -221,10 +224,6 @@ class SafetyBoard:
         if self.supply_lost:
             self.trip(Cause.POWER_LOSS)
 
-    def set_device(self, device: SafetyDevice, active: bool) -> None:
-        """Press, open or release a device; takes effect in this period."""
-        self.inputs.set_device(device, active)
-
     def hold_freedrive(self, held: bool) -> None:
         """Hold or release freedrive: the button on the pendant's back, or an input assigned to it."""
         self.freedrive_held = held
@@ -276,7 +275,7 @@ class SafetyBoard:
             return
         programs.pause(mode.name, for_safety=True)
         if not machine.programs.paused:
-            machine.motion.stop(min(machine.model.qdd_max))
+            machine.motion.commands.stop(min(machine.model.qdd_max))
         elif mode is SafetyMode.SAFEGUARD_STOP:
             machine.motion.safeguard_stop()
         else:
@@ -303,7 +302,6 @@ class SafetyBoard:
     # reports
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write the state of the safety system to a snapshot."""
         machine, safety = self._machine, self._machine.safety
         snapshot.safety_checksum = self._checksum
         snapshot.safety_mode = safety.mode
@@ -320,3 +318,56 @@ class SafetyBoard:
     def robot_status_bits(self) -> int:
         """Bits of the robot status that belong to the pendant's buttons."""
         return int(RobotStatusBits.TEACH_BUTTON) if self.freedrive_held else 0
+
+
+@dataclass(slots=True)
+class StopRecord:
+    """Record of a stop: category, duration, and the distance travelled by the tool [m]."""
+
+    category: StopCategory
+    mode: SafetyMode
+    began_s: float
+    duration_s: float = 0.0
+    distance_m: float = 0.0
+    done: bool = False
+
+
+class StopMonitor:
+    """Monitors stops. last: the stop in progress, or the last one."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self.last: StopRecord | None = None
+
+    def begin(self, category: StopCategory, mode: SafetyMode) -> None:
+        """A stop of the arm begins."""
+        self.last = StopRecord(category, mode, self._machine.time_s)
+
+    def end(self) -> None:
+        """The stop is over, even if it was released before the arm stood still: the arm may move again."""
+        if self.last is not None:
+            self.last.done = True
+
+    def follow(self) -> bool:
+        """Advance one control period; returns True if the stop takes too long."""
+        stop, machine = self.last, self._machine
+        if stop is None or stop.done:
+            return False
+        stop.duration_s = machine.time_s - stop.began_s
+        stop.distance_m += hypot(*machine.arm.tcp_speed[:3]) * machine.period_s
+        stop.done = machine.standing
+        if stop.done:
+            machine.messages.note(
+                f"{stop.mode.name}: stop category {stop.category.value} took {stop.duration_s:.3f} s, "
+                f"the tool travelled {stop.distance_m:.3f} m"
+            )
+            return False
+        stop.done = stop.duration_s > _STOP_WITHIN_S and self._too_slow(stop)
+        return stop.done
+
+    def _too_slow(self, stop: StopRecord) -> bool:
+        """Whether the arm, when a stop should be over, still moves without its brakes or a soft stop being active."""
+        machine = self._machine
+        soft = stop.mode is SafetyMode.SAFEGUARD_STOP and not machine.motion.hard_transitions
+        monitored = stop.category is not StopCategory.POWER_REMOVED and not soft
+        return monitored and max(map(abs, machine.arm.qd)) > _REST_RAD_S

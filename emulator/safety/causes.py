@@ -55,7 +55,6 @@ class CauseRow:
 
     @property
     def status(self) -> SafetyStatus:
-        """The resulting safety status."""
         return self.own_status or SafetyStatus(self.mode)
 
     @property
@@ -78,7 +77,6 @@ class CauseRow:
 
     @property
     def label(self) -> str:
-        """The report code as it is displayed."""
         if self.code is None:
             return "-"
         return f"C{self.code}A" + (f"{self.argument}-{self.argument + 5}" if self.per_joint else f"{self.argument}")

@@ -46,7 +46,6 @@ class Boundaries:
 
     @property
     def any(self) -> bool:
-        """Whether there are any boundaries."""
         return bool(self._configuration.planes or self._configuration.tool_orientation)
 
     def planes(self, mode: SafetyMode) -> tuple[Plane, ...]:

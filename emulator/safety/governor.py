@@ -44,7 +44,6 @@ class Governor:
         self.use(limits)
 
     def watch(self, arm: Arm) -> None:
-        """Monitor another arm."""
         self._arm = arm
 
     def use(self, limits: LimitSet) -> None:

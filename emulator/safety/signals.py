@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from enum import Enum, auto
+from functools import reduce
 from math import remainder, tau
+from operator import or_
 from typing import Final
 
 from emulator.io.signals import Signals
@@ -48,7 +50,7 @@ class SafetyInputs:
     def assign(self, configuration: SafetyConfiguration) -> None:
         """Assign functions to the inputs. Devices wired to them are taken to be at rest, that is high."""
         self._masks = {function: _mask(pins) for function, pins in configuration.inputs.items()}
-        self._all = _union(self._masks)
+        self._all = reduce(or_, self._masks.values(), 0)
         self._seen = -1
         for function in _BY_INPUT.values():
             self._signals.digital_inputs |= self._masks.get(function, 0)
@@ -65,7 +67,7 @@ class SafetyInputs:
         return True
 
     def set_device(self, device: SafetyDevice, active: bool) -> None:
-        """Press or open, release or close."""
+        """Press, open or release a device; takes effect in this period."""
         (self._active.add if active else self._active.discard)(device)
         self._seen, self._rising = -1, frozenset()
 
@@ -75,7 +77,6 @@ class SafetyInputs:
         return device in self._active or (function in self._masks and function not in self._high)
 
     def assigned(self, function: SafetyInput) -> bool:
-        """Whether the function has pins."""
         return function in self._masks
 
     def high(self, function: SafetyInput) -> bool:
@@ -102,13 +103,6 @@ def drive_outputs(signals: Signals, pins: Mapping[SafetyOutput, Pins], levels: M
 
 def _mask(pins: Pins) -> int:
     return sum(1 << CONFIGURABLE.bit(pin) for pin in set(pins))
-
-
-def _union(masks: Mapping[SafetyInput, int]) -> int:
-    whole = 0
-    for mask in masks.values():
-        whole |= mask
-    return whole
 
 
 def output_levels(machine: Machine, home: Vector6 | None) -> dict[SafetyOutput, bool]:

@@ -27,7 +27,6 @@ class TestRun:
     lines: list[str] = field(default_factory=list)
 
     def report(self, text: str) -> None:
-        """Add a line to the report."""
         self.lines.append(text)
 
     def logged(self, pattern: str) -> bool:

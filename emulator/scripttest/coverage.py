@@ -58,7 +58,6 @@ class FileCoverage:
     branches: dict[Position, list[int]] = field(default_factory=dict)
 
     def add(self, other: "FileCoverage") -> None:
-        """Add the counts of another run."""
         for line, count in other.lines.items():
             self.lines[line] = self.lines.get(line, 0) + count
         for place, counts in other.branches.items():

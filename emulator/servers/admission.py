@@ -101,12 +101,10 @@ class _Descriptors:
         self._reserve: int | None = None
 
     def register(self) -> None:
-        """Register an acceptor: a reserve is needed."""
         self._users += 1
         self._fill()
 
     def unregister(self) -> None:
-        """Unregister an acceptor."""
         self._users -= 1
         if not self._users:
             self._empty()

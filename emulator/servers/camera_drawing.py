@@ -42,7 +42,6 @@ class Picture:
 
     @property
     def size(self) -> int:
-        """Number of bytes."""
         return sum(map(len, self.parts))
 
 
@@ -96,7 +95,6 @@ class Drawing:
                 del self._requests[key]
 
     async def close(self) -> None:
-        """Stop the process."""
         if self._worker is not None:
             self._worker.cancel()
         if self._tasks:

@@ -39,7 +39,6 @@ class Hooks(Generic[ConnectionT]):
     on_state: list[Callable[[Snapshot], Snapshot]] = field(default_factory=list)
 
     def admits(self, connection: ConnectionT) -> bool:
-        """Return whether all hooks accept the client."""
         return all(hook(connection) for hook in self.on_connect)
 
     def bytes(
@@ -54,7 +53,6 @@ class Hooks(Generic[ConnectionT]):
         return data
 
     def state(self, snapshot: Snapshot) -> Snapshot:
-        """Return the snapshot to show."""
         for hook in self.on_state:
             snapshot = hook(snapshot)
         return snapshot

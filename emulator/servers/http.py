@@ -98,7 +98,7 @@ class HttpConnection(Connection):
         self._request: h11.Request | None = None
         self._body = bytearray()
         self._chunks = 0
-        self._waiting = False  # for the answer to a request
+        self.waiting = False  # for the answer to a request
         self._next: asyncio.Handle | None = None  # looks at what else was received
 
     @abstractmethod
@@ -122,7 +122,7 @@ class HttpConnection(Connection):
 
     def reply(self, response: Response) -> None:
         """Answer the pending request and continue with the next one."""
-        self._waiting = False
+        self.waiting = False
         self._send(response)
         self._continue()
 
@@ -139,18 +139,13 @@ class HttpConnection(Connection):
     def end_response(self) -> None:
         """Complete the answer and continue with the next request."""
         self.send(self._http.send(h11.EndOfMessage()) or b"")
-        self._waiting = False
+        self.waiting = False
         self._next_cycle()
         self._continue()
 
     def refuse(self, error: HttpError) -> Response:
         """Return the answer to a request that is refused."""
         return Response(error.status, self.refusal(str(error)), error.headers)
-
-    @property
-    def waiting(self) -> bool:
-        """Whether a request has not been answered yet."""
-        return self._waiting
 
     @property
     def head_only(self) -> bool:
@@ -177,13 +172,13 @@ class HttpConnection(Connection):
 
     @property
     def has_work(self) -> bool:
-        return super().has_work or (not self._waiting and bool(self._http.trailing_data[0]))
+        return super().has_work or (not self.waiting and bool(self._http.trailing_data[0]))
 
     def work(self) -> None:
         """Read what was received, up to the end of one request."""
         super().work()
         for _ in range(_EVENTS_AT_ONCE):
-            if self._waiting or not self.is_open:
+            if self.waiting or not self.is_open:
                 return
             try:
                 event = self._http.next_event()
@@ -222,7 +217,7 @@ class HttpConnection(Connection):
                 self._body += event.data
         elif isinstance(event, h11.EndOfMessage):
             response = self._outcome(self._answer)
-            self._waiting = response is None
+            self.waiting = response is None
             if response is not None:
                 self._send(response)
 
@@ -287,7 +282,6 @@ def _with_defaults(headers: Mapping[str, str]) -> list[tuple[str, str]]:
 
 
 def as_json(content: Any) -> bytes:
-    """Encode content as JSON."""
     try:
         return msgspec.json.encode(content)
     except UnicodeEncodeError:  # lone surrogates are rare, so the content is only searched for them after a failure
@@ -337,7 +331,6 @@ def is_local(name: str) -> bool:
 
 
 def is_address(text: str) -> bool:
-    """Whether a text is an IP address."""
     try:
         ip_address(text)
     except ValueError:

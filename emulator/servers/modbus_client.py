@@ -62,16 +62,13 @@ class ModbusClient:
         return exchange
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None:
-        """Send a function code with its data to a unit; the answer is ignored."""
         self._put(unit, _PendingRequest(pdu, False))
 
     def reset(self, address: str) -> None:
-        """Close the connections to an address."""
         for unit in [unit for unit in self._connections if unit.address == address]:
             self.release(unit)
 
     def release(self, unit: ModbusUnit) -> None:
-        """Close the connection to a unit."""
         connection = self._connections.pop(unit, None)
         if connection is not None:
             connection.close()
@@ -171,7 +168,6 @@ class _UnitConnection(asyncio.Protocol):
         self._fail_all(DISCONNECTED)
 
     async def closed(self) -> None:
-        """Wait until the connection is closed."""
         if self._connecting is not None:
             await asyncio.gather(self._connecting, return_exceptions=True)
         await self._lost.wait()

@@ -174,11 +174,9 @@ class Port:
             _logger.info("%s: a client disconnected while it was being accepted: %s", self.name, error)
 
     def client_connected(self, connection: Connection) -> None:
-        """Register a client that has connected."""
         self.connections.append(connection)
 
     def client_disconnected(self, connection: Connection) -> None:
-        """Forget a client that has disconnected."""
         self._clients.pop(connection, None)
         if connection in self.connections:
             self.connections.remove(connection)

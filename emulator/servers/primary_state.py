@@ -26,7 +26,7 @@ from urproto.primary.state import (
     ToolModeInfo,
 )
 from urproto.robots import DH, RobotModel
-from urproto.robots.model import Joints
+from urproto.vectors import as_six
 from urproto.versions import Series
 
 _MASTERBOARD_VERSION = 6  # CB3 (configuration files of URSim 3.5.0); a UR5e simulator 5.24 sends it as well
@@ -88,7 +88,7 @@ def configuration_data(model: RobotModel) -> ConfigurationData:
     return ConfigurationData(
         q_min=model.q_min,
         q_max=model.q_max,
-        qd_max=_plus_margin(model.qd_max),
+        qd_max=as_six(speed + _SPEED_MARGIN_RAD_S for speed in model.qd_max),
         qdd_max=model.qdd_max,
         v_joint_default=model.v_joint_default,
         a_joint_default=model.a_joint_default,
@@ -104,11 +104,6 @@ def configuration_data(model: RobotModel) -> ConfigurationData:
         robot_type=model.robot_type,
         sub_type=model.sub_type,
     )
-
-
-def _plus_margin(qd_max: Joints) -> Joints:
-    a, b, c, d, e, f = (speed + _SPEED_MARGIN_RAD_S for speed in qd_max)
-    return (a, b, c, d, e, f)
 
 
 def _mode(snapshot: Snapshot) -> ModeData:

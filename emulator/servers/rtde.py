@@ -7,7 +7,7 @@ after 11 s without reading, some old packages, then the end of the connection).
 import logging
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from emulator.commands.requests import RTDEInputs
 from emulator.mailbox import Command
@@ -65,9 +65,11 @@ class _RTDEConnection(Connection):
 
     def __init__(self, server: RTDEServer, host: RTDEHost) -> None:
         super().__init__(server)
-        self.session = RTDESession(host, self._write_inputs, self._note)
+        queue = self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_PER_PERIOD, client=self)
+        self.session = RTDESession(
+            host, lambda values: queue.put(RTDEInputs(values)), lambda text: queue.put(_Note(text))
+        )
         self._decoder = RTDEDecoder()
-        self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_PER_PERIOD, client=self)
         self._full_since_s: float | None = None  # the client has not read since
 
     def send_state(self, data: bytes) -> None:
@@ -120,12 +122,6 @@ class _RTDEConnection(Connection):
 
     def _reply(self, reply: Reply) -> None:
         self.send_message(reply, lambda passed: passed.encode(self.session.protocol))
-
-    def _write_inputs(self, values: dict[str, Any]) -> None:
-        self._queue.put(RTDEInputs(values))
-
-    def _note(self, text: str) -> None:
-        self._queue.put(_Note(text))
 
 
 @dataclass(frozen=True, slots=True)

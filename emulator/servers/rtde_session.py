@@ -91,7 +91,6 @@ class Reservations:
         self._owners.update(dict.fromkeys(names, owner))
 
     def release(self, owner: object) -> None:
-        """Release all variables of an owner."""
         self._owners = {name: holder for name, holder in self._owners.items() if holder is not owner}
 
 

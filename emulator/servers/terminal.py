@@ -51,7 +51,6 @@ class TerminalDevice:
         self._loop.add_reader(descriptor, self._readable)
 
     def close(self) -> None:
-        """Stop reading."""
         self._loop.remove_reader(self._descriptor)
 
     def configure(self, settings: SerialSettings) -> None:

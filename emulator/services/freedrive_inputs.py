@@ -17,12 +17,7 @@ class FreedriveInputs:
     def __init__(self, signals: Signals, registers: Registers, modbus: ModbusSignals, motion: Motion) -> None:
         self._signals, self._registers, self._modbus, self._motion = signals, registers, modbus, motion
         self._levels: dict[tuple[str, int | str], Callable[[], bool]] = {}
-        self._free = False
-
-    @property
-    def free(self) -> bool:
-        """True while an input holds the arm in freedrive."""
-        return self._free
+        self.free = False  # whether an input holds the arm in freedrive
 
     def watch_digital(self, group: DigitalGroup, index: int) -> None:
         """Freedrive by a digital input. Raises IndexError for one the group does not have."""
@@ -30,7 +25,6 @@ class FreedriveInputs:
         self._levels[group.name, index] = lambda: self._signals.get_digital_input(group, index)
 
     def watch_register(self, index: int) -> None:
-        """Freedrive by a boolean input register."""
         self._levels["register", index] = lambda: self._registers.input.get_bit(index)
 
     def watch_signal(self, name: str) -> None:
@@ -46,22 +40,21 @@ class FreedriveInputs:
         self._levels.pop((kind, index), None)
 
     def clear(self) -> None:
-        """Remove the actions of all inputs."""
         self._levels.clear()
 
     def advance(self, *, allowed: bool) -> None:
         """Advance one control period, before programs run. ``allowed``: the arm may move, and no program moves it."""
-        if not (self._levels or self._free):
+        if not (self._levels or self.free):
             return
         wanted = allowed and any(high() for high in self._levels.values())
-        if wanted and not self._free:
+        if wanted and not self.free:
             self._motion.commands.freedrive()
-            self._free = True
+            self.free = True
         elif not wanted:
             self.release()
 
     def release(self) -> None:
         """Leave freedrive if an input activated it: a program takes over."""
-        if self._free:
+        if self.free:
             self._motion.force_control.end()
-            self._free = False
+            self.free = False

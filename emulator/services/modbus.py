@@ -10,18 +10,17 @@ watchdog; after that, reading or setting it ends the program.
 """
 
 import errno
-from collections.abc import MutableMapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
 from emulator.services.outputs import OutputAction, level_at_end, level_at_start, output_action
-from urproto.modbus import ExceptionCode, Function, ModbusRequest
+from urproto.modbus import Function, ModbusRequest
 from urproto.versions import Series
 
 # Connection errors in addition to errno. Script Manual, modbus_get_error; CONNECTING: another maker's manual
 CONNECTING: Final = -1
 DISCONNECTED: Final = -2
-_BITS: Final = (Function.READ_COILS, Function.READ_DISCRETE_INPUTS, Function.WRITE_COIL, Function.WRITE_COILS)
 _DEFAULT_FREQUENCY_HZ: Final = 10  # PolyScope's default
 _MAX_FREQUENCY_HZ: Final = 500  # Script Manual
 _DEFAULT_WATCHDOG_S: Final = 2.0  # Script Manual, modbus_set_signal_watchdog
@@ -64,19 +63,15 @@ class ModbusBackend(Protocol):
 
     def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         """Send a request. ``sequential``: not while another one to the unit is unanswered."""
-        ...
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None:
         """Send function code and data; the answer is ignored."""
-        ...
 
     def reset(self, address: str) -> None:
         """Close all connections to an address; the next request immediately opens a new one."""
-        ...
 
     def release(self, unit: ModbusUnit) -> None:
         """No signal uses this unit any longer."""
-        ...
 
 
 class NoModbusNetwork:
@@ -92,78 +87,6 @@ class NoModbusNetwork:
     def reset(self, address: str) -> None: ...
 
     def release(self, unit: ModbusUnit) -> None: ...
-
-
-@dataclass
-class MemoryUnit:
-    """A unit in memory. ``broken``: the exception code with which it answers every request."""
-
-    coils: MutableMapping[int, int] = field(default_factory=dict)
-    registers: MutableMapping[int, int] = field(default_factory=dict)
-    broken: int = 0
-    requests: list[ModbusRequest] = field(default_factory=list)
-    commands: list[bytes] = field(default_factory=list)
-
-    def answer(self, request: ModbusRequest, exchange: ModbusExchange) -> None:
-        """Carry a request out; coils and discrete inputs are one table, so are the registers."""
-        self.requests.append(request)
-        table = self.coils if request.function in _BITS else self.registers
-        rw = request.function == Function.READ_WRITE_REGISTERS
-        start = request.write_address if rw else request.address
-        if self.broken:
-            exchange.complete(device_error=self.broken)
-            return
-        for address, value in enumerate(request.values, start):
-            table[address] = value
-        if request.values and not rw:
-            exchange.complete()
-            return
-        wanted = range(request.address, request.address + request.count)
-        if all(address in table for address in wanted):
-            exchange.complete(tuple(table[address] for address in wanted))
-        else:
-            exchange.complete(device_error=ExceptionCode.ILLEGAL_DATA_ADDRESS)
-
-
-class MemoryModbus:
-    """Backend for tests: answers immediately for its units, refuses connections to others.
-
-    ``silent``: units that do not answer until ``speak`` is called.
-    """
-
-    def __init__(self) -> None:
-        self.units: dict[ModbusUnit, MemoryUnit] = {}
-        self.silent: set[ModbusUnit] = set()
-        self.released: list[ModbusUnit] = []
-        self.resets: list[str] = []
-        self._waiting: list[tuple[ModbusUnit, ModbusRequest, ModbusExchange]] = []
-
-    def request(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
-        exchange = ModbusExchange()
-        if unit in self.silent:
-            self._waiting.append((unit, request, exchange))
-        elif unit in self.units:
-            self.units[unit].answer(request, exchange)
-        else:
-            exchange.complete(connection_error=errno.ECONNREFUSED)
-        return exchange
-
-    def speak(self, unit: ModbusUnit) -> None:
-        """Let a silent unit answer its pending requests, and all later ones."""
-        self.silent.discard(unit)
-        for addressed, request, exchange in self._waiting:
-            if addressed == unit:
-                self.units[unit].answer(request, exchange)
-
-    def send(self, unit: ModbusUnit, pdu: bytes) -> None:
-        if unit in self.units:
-            self.units[unit].commands.append(pdu)
-
-    def reset(self, address: str) -> None:
-        self.resets.append(address)
-
-    def release(self, unit: ModbusUnit) -> None:
-        self.released.append(unit)
 
 
 class ModbusSignalError(ValueError):
@@ -249,7 +172,6 @@ class ModbusSignal:
             self.values = self.wanted
 
     def poll_now(self, step: int) -> None:
-        """Send the next request without waiting for its turn."""
         self._due = step
 
     def due_since(self, step: int) -> int | None:
@@ -262,7 +184,6 @@ class ModbusSignal:
         return self._due if 0 <= self._due <= step else None
 
     def send_request(self, step: int, frames_a_second: float, backend: ModbusBackend) -> None:
-        """Send the signal's request."""
         self._due = self._next_turn(step, frames_a_second)
         self._exchange = backend.request(self.unit, self._request(), sequential=self.sequential)
 
@@ -456,7 +377,6 @@ class ModbusSignals:
             signal.send_request(step, self._frames_a_second, self.backend)
 
     def program_started(self) -> None:
-        """A main program begins."""
         self._program_runs = True
         for signal in self._signals.values():
             self._drive(signal, level_at_start(signal.runstate_choice))

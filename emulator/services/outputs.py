@@ -97,7 +97,6 @@ class RunstateOutputs:
         self._set(("analog", index), action, lambda level: self._signals.set_analog_output(index, float(level)))
 
     def program_started(self) -> None:
-        """A main program begins."""
         self._program_runs = True
         self._apply(level_at_start)
 
@@ -107,7 +106,6 @@ class RunstateOutputs:
         self._apply(lambda action: level_at_end(action, unscheduled=unscheduled))
 
     def power_changed(self) -> None:
-        """Drive power was switched on or off."""
         powered = self._powered()
         self._apply(lambda action: level_by_power(action, powered=powered))
 

@@ -1,7 +1,7 @@
 """The TCP sockets of a script, as the interpreter sees them.
 
 A backend opens connections. The interpreter never waits for one: it checks ``state`` and
-``inbox`` once per control period. ``MemorySockets`` is a backend without a network.
+``inbox`` once per control period.
 """
 
 from typing import Final, Literal, Protocol
@@ -35,20 +35,16 @@ class ScriptSocket(Protocol):
     @property
     def state(self) -> SocketState:
         """``closed`` is final; bytes already in ``inbox`` stay readable."""
-        ...
 
     @property
     def failure(self) -> str:
         """The system's reason if neither side closed it; else empty."""
-        ...
 
     def send(self, data: bytes) -> bool:
         """Queue bytes for the peer. Returns False if the connection is not open."""
-        ...
 
     def close(self) -> None:
         """Close the connection; does nothing if it is already closed."""
-        ...
 
 
 class ScriptSocketBackend(Protocol):
@@ -56,7 +52,6 @@ class ScriptSocketBackend(Protocol):
 
     def open(self, address: str, port: int) -> ScriptSocket:
         """Begin to connect. Never fails: a refused connection turns ``closed``."""
-        ...
 
 
 class SocketTable:
@@ -95,66 +90,29 @@ class SocketTable:
             socket.close()
 
     def close_all(self) -> None:
-        """Close and forget every socket."""
         for name in list(self._sockets):
             self.close(name)
         for socket in list(self._held):
             self.drop(socket)
 
 
-class MemorySocket:
-    """A connection without a network: ``sent`` contains what the script wrote, ``feed`` is the peer writing."""
+class RefusedSocket:
+    """A connection that could not be opened."""
 
-    def __init__(self, state: SocketState, failure: str = "") -> None:
+    state: Final[SocketState] = "closed"
+
+    def __init__(self, failure: str) -> None:
         self.inbox = bytearray()
-        self.sent = bytearray()
         self.failure = failure
-        self._state: SocketState = state
-
-    @property
-    def state(self) -> SocketState:
-        return self._state
-
-    def accept(self) -> None:
-        """The peer takes the connection."""
-        if self._state == "connecting":
-            self._state = "open"
-
-    def feed(self, data: bytes) -> None:
-        """Bytes from the peer."""
-        self.inbox += data
 
     def send(self, data: bytes) -> bool:
-        if self._state != "open":
-            return False
-        self.sent += data
-        return True
+        return False
 
-    def close(self) -> None:
-        self._state = "closed"
-
-
-class MemorySockets:
-    """Backend for tests: connects immediately to the addresses in ``listening``, refuses all others.
-
-    ``opened`` lists the connections in order. Addresses in ``silent`` never answer.
-    """
-
-    def __init__(self, *listening: tuple[str, int]) -> None:
-        self.listening = set(listening)
-        self.silent: set[tuple[str, int]] = set()
-        self.opened: list[MemorySocket] = []
-
-    def open(self, address: str, port: int) -> MemorySocket:
-        where = (address, port)
-        state: SocketState = "connecting" if where in self.silent else "open" if where in self.listening else "closed"
-        socket = MemorySocket(state, "Connection refused" if state == "closed" else "")
-        self.opened.append(socket)
-        return socket
+    def close(self) -> None: ...
 
 
 class NoNetwork:
     """Backend of a controller without servers: every connection is refused."""
 
-    def open(self, address: str, port: int) -> MemorySocket:
-        return MemorySocket("closed", "Network is unreachable")
+    def open(self, address: str, port: int) -> RefusedSocket:
+        return RefusedSocket("Network is unreachable")

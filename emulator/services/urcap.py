@@ -107,7 +107,6 @@ class ProgramRequest:
         return code
 
     def close(self) -> None:
-        """Abandon the request."""
         self._socket.close()
 
     def _connect(self) -> ExternalControlCode | None:

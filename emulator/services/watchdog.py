@@ -23,7 +23,6 @@ class MotionHistory:
         self._wrench: deque[Vector6] = deque(maxlen=depth)
 
     def record(self, q: Vector6, wrench: Vector6) -> None:
-        """Remember one control period."""
         self._q.appendleft(q)
         self._wrench.appendleft(wrench)
 
@@ -84,7 +83,6 @@ class Watchdogs:
         return bool(self._watched)
 
     def remove(self, variable: str) -> None:
-        """Stop watching a variable."""
         self._watched.pop(variable, None)
 
     def clear(self) -> None:

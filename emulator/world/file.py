@@ -3,15 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from emulator.world.shapes import Box, Plane, Shape, Sphere, WorldObject
 from emulator.world.world import POINT, World
 from urproto.robots import RobotModel
 from urproto.worldfile import MATERIAL, ObjectDescription, WorldFileError, read_description, read_world_file
-
-if TYPE_CHECKING:
-    from emulator.world.links import Links
 
 _SHAPES: Final[Mapping[str, Callable[[tuple[float, ...]], Shape]]] = {
     "plane": lambda sizes: Plane(),
@@ -29,8 +26,12 @@ class WorldPlan:
     links: bool = False
 
     def build(self, model: RobotModel, period_s: float) -> World:
-        """Build a separate world for one arm. Raises WorldError."""
-        return self._fill(World(self.tool, _links(model) if self.links else None))
+        links = None
+        if self.links:
+            from emulator.world.links import Links  # with coal and numpy, for which --help should not wait
+
+            links = Links(model)
+        return self._fill(World(self.tool, links))
 
     def check(self, model: RobotModel, q: Sequence[float]) -> None:
         """Check the plan. The arm's position does not matter: no object moves, and an arm may start inside one."""
@@ -40,12 +41,6 @@ class WorldPlan:
         for name, obj in self.objects.items():
             world.add(name, obj)
         return world
-
-
-def _links(model: RobotModel) -> "Links":
-    from emulator.world.links import Links  # imports coal and numpy, which printing the options should not wait for
-
-    return Links(model)
 
 
 def read_world(path: Path) -> WorldPlan:

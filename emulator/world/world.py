@@ -5,7 +5,7 @@ force therefore belongs to the position and speed that the arm published last; t
 (emulator.motion.contact). Without a world, none of this runs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
@@ -15,7 +15,6 @@ from emulator.io.encoders import Encoders
 from emulator.io.signals import Signals
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
-from emulator.world.disturbances import Disturbances
 from emulator.world.shapes import Plane, Push, Sphere, WorldObject, contacts
 from urproto.robots import RobotModel
 from urproto.vectors import ZERO6, Vector6, lerp
@@ -23,7 +22,6 @@ from urproto.vectors import ZERO6, Vector6, lerp
 if TYPE_CHECKING:
     from emulator.robot.arm import Arm
     from emulator.world.links import Links
-
 
 MAX_OBJECTS: Final = 32  # a limit of this implementation, which bounds the computing time of a period
 POINT: Final = WorldObject(Sphere(0.0))  # a tool that touches with its TCP alone
@@ -54,7 +52,7 @@ class World:
     _objects: dict[str, WorldObject] = field(default_factory=dict, init=False)
     _pushes: dict[str, Push] = field(default_factory=dict, init=False)
 
-    disturbances: Disturbances | None = field(default=None, init=False)
+    disturbances: "Disturbances | None" = field(default=None, init=False)
     """Injected disturbances; None for a world of springs."""
 
     failure = ""
@@ -67,7 +65,6 @@ class World:
         """Connect a world that can be wired; called once, before the first period."""
 
     def names(self) -> list[str]:
-        """Names of all objects."""
         return list(self._objects)
 
     def poses(self) -> dict[str, Vector6]:
@@ -89,12 +86,10 @@ class World:
 
     @property
     def objects(self) -> Mapping[str, WorldObject]:
-        """All objects by name."""
         return MappingProxyType(self._objects)
 
     @property
     def pushes(self) -> Mapping[str, Push]:
-        """Present pushes by name."""
         return MappingProxyType(self._pushes)
 
     def add(self, name: str, obj: WorldObject) -> None:
@@ -188,3 +183,34 @@ class Plan(Protocol):
 
     def build(self, model: RobotModel, period_s: float) -> World:
         """Build a separate world for one arm. Raises WorldError."""
+
+
+class Disturbances(Protocol):
+    """Disturbances by the names in the world file. Each can be repeated and undone."""
+
+    @property
+    def parts(self) -> Collection[str]:
+        """Objects that move freely."""
+
+    @property
+    def conveyors(self) -> Collection[str]:
+        """Belts."""
+
+    @property
+    def cameras(self) -> Collection[str]:
+        """Cameras."""
+
+    def take_away(self, part: str) -> None:
+        """Remove a part, even if it has been put back since."""
+
+    def bring_back(self, part: str) -> None:
+        """Return a part, at rest, to its first position or to where it was put since."""
+
+    def set_friction(self, part: str, friction: float | None) -> None:
+        """Set a part's coefficient of friction with everything it touches; None restores its own."""
+
+    def jam(self, conveyor: str, *, jammed: bool) -> None:
+        """Stop a belt regardless of its output, or release it."""
+
+    def cover(self, camera: str, *, covered: bool) -> None:
+        """Cover a camera's lens, or uncover it."""

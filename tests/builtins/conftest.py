@@ -7,7 +7,7 @@ import pytest
 
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
-from emulator.services.sockets import MemorySockets
+from tests.networks import MemorySockets
 from urproto.modes import RuntimeState
 from urproto.primary.messages import KeyMessage, RobotMessage, RuntimeExceptionMessage, TextMessage
 from urproto.robots import load_model

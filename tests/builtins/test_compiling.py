@@ -8,6 +8,7 @@ from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.programs import compiling
 from emulator.workshare import WORK_PER_SECOND
 from urproto.modes import RuntimeState
+from urscript.work import run_to_end
 
 BLOCK = '  if a > {n}:\n    a = a - {n}\n    textmsg("{n} ", [a, {n}, 3])\n  end\n'
 
@@ -124,7 +125,7 @@ def test_input_after_a_script_waits_until_the_script_is_compiled(rig):
 def test_play_answers_when_the_loaded_script_has_started(rig, tmp_path):
     path = tmp_path / "big.script"
     path.write_text(long_script("big"))
-    rig.controller.programs.load_file(path)
+    run_to_end(rig.controller.programs.load_steps(path))
     answers = []
     rig.controller.post(DashboardLine("play"), answers.append)
     rig.tick(3)

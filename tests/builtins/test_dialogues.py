@@ -2,7 +2,8 @@
 
 import pytest
 
-from emulator.commands.requests import PopupAnswer, ScriptUnit
+from emulator.commands.requests import ScriptUnit
+from tests.commands import PopupAnswer
 from urproto.modes import RuntimeState
 from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import PopupMessage, TextMessage

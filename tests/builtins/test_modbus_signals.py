@@ -5,7 +5,8 @@ import errno
 import pytest
 
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.services.modbus import MemoryModbus, MemoryUnit, ModbusUnit
+from emulator.services.modbus import ModbusUnit
+from tests.networks import MemoryModbus, MemoryUnit
 from tests.rows import each_row
 from urproto.modbus import ExceptionCode, Function
 from urproto.modes import ControlMode

@@ -9,6 +9,7 @@ from emulator.programs.loading import ProgramLoadError
 from tests.rows import each_row
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PopupMessage, RequestValueMessage
+from urscript.work import run_to_end
 
 
 def test_start_and_end_are_reported_once_around_the_text(rig):
@@ -317,7 +318,7 @@ def test_a_loaded_script_plays_and_its_name_is_reported(rig, tmp_path):
     path = tmp_path / "tool.urp"
     path.write_bytes(b"")
     path.with_suffix(".script").write_text('def tool():\n  textmsg("played")\nend\n')
-    rig.controller.programs.load_file(path)
+    run_to_end(rig.controller.programs.load_steps(path))
     assert rig.controller.programs.loaded.path == path
     assert rig.controller.programs.play().accepted
     rig.seconds(0.1)
@@ -328,7 +329,7 @@ def test_an_unreadable_program_tree_is_not_loaded_without_its_script(rig, tmp_pa
     path = tmp_path / "bare.urp"
     path.write_bytes(b"")
     with pytest.raises(ProgramLoadError, match=r"bare\.urp"):
-        rig.controller.programs.load_file(path)
+        run_to_end(rig.controller.programs.load_steps(path))
     assert rig.controller.programs.loaded is None
 
 

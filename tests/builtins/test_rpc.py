@@ -8,8 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emulator.builtins.remote import httpclient
-from emulator.builtins.remote.pstream import PacketReader
+from emulator.builtins.remote import connections
+from emulator.builtins.remote.connections import PacketReader
 from emulator.builtins.remote.xmlrpc import BadReplyError, Reply, encode_call, to_value
 from tests.rows import each_row
 from urscript.values import INT_MAX, INT_MIN, MAX_ELEMENTS, Matrix, Pose, Struct
@@ -365,7 +365,7 @@ def test_only_the_first_call_needs_the_server_not_the_factory(rig):
 
 
 def test_a_server_that_never_accepts(rig, monkeypatch):
-    monkeypatch.setattr(httpclient, "_CONNECT_S", 1.0)
+    monkeypatch.setattr(connections, "_CONNECT_S", 1.0)
     rig.sockets.silent.add(("10.0.0.9", 80))
     assert "did not answer within 1 s" in rig.fault('rpc_factory("xmlrpc", "http://10.0.0.9").get()')
     assert rig.sockets.opened[0].state == "closed"
@@ -561,7 +561,7 @@ def test_any_packet_is_read_in_any_split(body, piece, framed):
     got = bytearray()
     reader = PacketReader(got.extend)
     wire = packet(body.replace(b"\x1b", b"\x1bESC")) if framed else body
-    with nullcontext() if framed else suppress(httpclient.RemoteError):
+    with nullcontext() if framed else suppress(connections.RemoteError):
         for at in range(0, len(wire), piece):
             reader.feed(wire[at : at + piece])
     assert not framed or (reader.complete and got == body)

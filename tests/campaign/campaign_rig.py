@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from emulator.campaign.jobs import Finished, Lost
+from emulator.campaign.workers import Finished, Lost
 
 PROGRAM = """def work():
   movej([0.1, -1.2, 0.3, -1.5, 0.2, 0.4], a=4, v=3)

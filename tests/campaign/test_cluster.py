@@ -52,7 +52,7 @@ def test_a_node_that_dies_midway_loses_and_duplicates_no_results(
 ) -> None:
     from ray.cluster_utils import Cluster
 
-    from emulator.campaign.cluster import RayWorkers
+    from emulator.campaign.workers import RayWorkers
 
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("RAY_raylet_start_wait_time_s", "120")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from campaign_rig import write
 
-from emulator.campaign.progress import duration
+from emulator.campaign.command import duration
 from tests.rows import each_row
 
 

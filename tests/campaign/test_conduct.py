@@ -12,10 +12,10 @@ from campaign_rig import CAMPAIGN, InProcessWorkers, write
 from emulator import script_cli as cli
 from emulator.campaign.conduct import Conductor, first_failures, simplest
 from emulator.campaign.journal import Journal, write_parquet
-from emulator.campaign.local import LocalWorkers
 from emulator.campaign.plan import Plan, read_plan
 from emulator.campaign.report import write_report
 from emulator.campaign.work import Result, Status, installed_version
+from emulator.campaign.workers import LocalWorkers
 from emulator.config import ConfigError
 from emulator.journal.replay import Replay
 
@@ -104,8 +104,9 @@ def test_a_killed_process_loses_and_duplicates_no_results(tmp_path: Path) -> Non
     killed: list[int] = []
 
     def kill(results: list[Result]) -> None:
-        if results and not killed and workers.pids:
-            killed.append(workers.pids[0])
+        pids = [worker.process.pid for worker in workers._busy if worker.process.pid]
+        if results and not killed and pids:
+            killed.append(pids[0])
             os.kill(killed[0], signal.SIGKILL)
 
     try:

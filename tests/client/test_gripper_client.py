@@ -10,11 +10,11 @@ import pytest
 from client.errors import ConnectionLostError, GripperError, NoAnswerError, RobotUnreachableError
 from client.gripper import GripperClient
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
 from emulator.lifecycle.power import PowerEvent
 from emulator.machine import ControllerConfig
 from tests.rows import each_row
+from tests.ticking import StepClock
 from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.robotiq import MODELS, Fault, ObjectStatus, Status

@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 from emulator import ctl
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.machine import ControllerConfig
 from tests.rows import each_row
+from tests.ticking import StepClock
 from urproto.controlapi import BadArguments, ControlClient, NoControlError, NotPossible, RemoteControl
 from urproto.robots import load_model
 

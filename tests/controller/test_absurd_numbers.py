@@ -5,10 +5,8 @@ from functools import partial
 
 import pytest
 
-from emulator.commands.requests import MountPayload
 from emulator.control.verbs import verbs_of
 from emulator.machine import ControllerConfig
-from emulator.robot.installation import Payload
 from emulator.safety.files import load_safety_file
 from emulator.virtual import VirtualRobot
 from emulator.world.file import read_world
@@ -53,12 +51,6 @@ def test_verbs_refuse_absurd_numbers(call, bad, by_name):
     after = robot.controller.snapshot.values()
     changed = {key for key in after if after[key] != before[key]}
     assert changed <= {"step", "timestamp", "actual_robot_energy_consumed"}
-
-
-@each_row("bad", BAD)
-def test_an_absurd_payload_cannot_be_mounted(bad):
-    with pytest.raises(ValueError, match="is not a payload"):
-        MountPayload(Payload(1.0, (bad, 0.0, 0.0)))
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e999", "fast"])

@@ -8,14 +8,16 @@ from operator import sub
 import numpy as np
 import pytest
 
-from emulator.commands.requests import MountPayload
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.robot.body import Body
 from emulator.robot.installation import Payload
+from emulator.virtual import virtual_robot
 from emulator.world.file import WorldPlan
 from emulator.world.shapes import Plane, WorldObject
 from tests.budget import subset
+from tests.commands import MountPayload
 from tests.rows import each_row
+from urproto.controlapi import BadArguments
 from urproto.modes import ControlMode
 from urproto.robots import MODELS
 from urproto.robots.dynamics import Dynamics
@@ -439,12 +441,10 @@ def test_an_excessive_payload_pulls_the_arm_down_and_it_recovers(make):
     assert rig.now.actual_q == pytest.approx(BENT, abs=1e-3)
 
 
-@each_row(
-    "payload", [Payload(-1.0), Payload(math.nan), Payload(1.0, (math.inf, 0, 0)), Payload(1.0, inertia=(-1.0,) * 6)]
-)
+@each_row("payload", [{"mass_kg": -1.0}, {"mass_kg": math.nan}, {"mass_kg": 1.0, "cog_m": (math.inf, 0.0, 0.0)}])
 def test_invalid_payloads_cannot_be_mounted(payload):
-    with pytest.raises(ValueError, match="is not a payload"):
-        MountPayload(payload)
+    with pytest.raises(BadArguments, match="is not a payload"):
+        virtual_robot("ur3").mount_payload(**payload)
 
 
 # direct torque

@@ -149,9 +149,9 @@ def test_an_arm_at_rest_is_not_recomputed_until_something_changes(bent):
     assert [changed(), changed()] == [True, False]
     turning = (0.1, *ZERO6[1:])
     assert changed(turning)
-    assert math.hypot(*arm.tcp_acceleration[:3]) > 1.0
+    assert math.hypot(*arm.state.tool.acceleration[:3]) > 1.0
     assert changed(turning), "the speed stays, so the acceleration ends"
-    assert arm.tcp_acceleration == ZERO6
+    assert arm.state.tool.acceleration == ZERO6
     assert not changed(turning)
 
 

@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from emulator.commands.requests import RefusedScript, ScriptUnit
-from emulator.reporting.refusals import RefusalLog
+from emulator.reporting.messages import RefusalLog
 
 WRONG = "def wrong():\n  x = 1\n  foo(x)\nend\n"
 RIGHT = "def right():\n  sleep(0.1)\nend\n"

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from emulator.commands.safety import ArmSupply, Jog, SetSafetyDevice, SetSafetyInput, TripSafety
 from emulator.safety.causes import Cause, Recovery
 from emulator.safety.signals import SafetyDevice
 from emulator.servers.primary_state import robot_state
+from tests.commands import ArmSupply, Jog, SetSafetyDevice, SetSafetyInput, TripSafety
 from tests.rows import each_row
 from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage, SafetyModeMessage, decode_robot_message

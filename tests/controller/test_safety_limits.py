@@ -9,10 +9,10 @@ import pytest
 from emulator.lifecycle.safety import SafetyEvent, StopCategory
 from emulator.robot.arm import Arm
 from emulator.robot.installation import Installation
+from emulator.safety.board import StopMonitor
 from emulator.safety.geometry import Boundaries, clamping_room
 from emulator.safety.governor import TRANSITION_S, Governor, operational
 from emulator.safety.signals import SafetyDevice
-from emulator.safety.stop_monitor import StopMonitor
 from emulator.world.links import Links
 from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
@@ -394,7 +394,7 @@ def test_both_sets_of_limits_are_accepted_for_half_a_second_after_a_mode_change(
     rig = started(make, "ur5e", stream, STRETCHED, safety=safe("ur5e"))
     rig.seconds(0.5)
     assert safe("ur5e").reduced.tcp_speed + 0.1 < tool_speed(rig.now) < safe("ur5e").normal.tcp_speed
-    rig.controller.safety_board.set_device(SafetyDevice.REDUCED_MODE, True)
+    rig.controller.safety_board.inputs.set_device(SafetyDevice.REDUCED_MODE, True)
     assert rig.tick().safety_mode is SafetyMode.REDUCED
     begin = rig.now.timestamp
     rig.until(lambda s: s.safety_mode is SafetyMode.VIOLATION, 2.0)

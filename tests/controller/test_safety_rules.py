@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from emulator.commands.safety import SetSafetyDevice, TripSafety
 from emulator.safety.causes import Cause
 from emulator.safety.conditions import SafetyDevice
+from tests.commands import SetSafetyDevice, TripSafety
 from tests.rows import each_row
 from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from emulator.commands.safety import Jog, SetSafetyDevice, SetSafetyInput
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.signals import SafetyDevice
 from emulator.servers.primary_state import robot_state
+from tests.commands import Jog, SetSafetyDevice, SetSafetyInput
 from tests.rows import each_row
 from urproto.modes import ControlMode, RobotMode, RobotStatusBits, RuntimeState, SafetyMode, SafetyStatus
 from urproto.robots import load_model

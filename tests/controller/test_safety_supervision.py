@@ -7,13 +7,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emulator.commands.safety import ArmSupply, FreedriveButton, SetSafetyDevice, TripSafety
 from emulator.robot.arm import Arm
 from emulator.safety.causes import Cause
 from emulator.safety.geometry import Boundaries
 from emulator.safety.signals import SafetyDevice
 from emulator.safety.supervision import Supervision
 from tests.budget import examples
+from tests.commands import ArmSupply, FreedriveButton, SetSafetyDevice, TripSafety
 from tests.rows import each_row
 from urproto.modes import RobotMode, SafetyMode
 from urproto.robots import load_model

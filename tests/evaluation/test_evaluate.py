@@ -12,7 +12,7 @@ pytest.importorskip("mujoco", reason="the extra physics")  # not packaged for Py
 from typer.testing import CliRunner
 
 from emulator.cli import app
-from emulator.evaluation.statistics import decided, success_interval
+from emulator.evaluation.report import decided, success_interval
 
 ROOT = Path(__file__).resolve().parents[2]
 BY_RULES = f"{ROOT}/examples/learning/scripted_policies.py"

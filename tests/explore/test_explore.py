@@ -18,8 +18,8 @@ from emulator.explore.properties import parse_property
 from emulator.explore.run import Run
 from emulator.explore.search import Runner, explored
 from emulator.journal.replay import Replay
-from emulator.services.sockets import MemorySockets
 from emulator.snapshot import Snapshot
+from tests.networks import MemorySockets
 from tests.rows import each_row
 from urproto.modes import SafetyMode
 

@@ -21,6 +21,7 @@ from urproto.primary.messages import ErrorCodeMessage
 from urproto.primary.state import encode_robot_state
 from urproto.robotapi import api_version
 from urproto.robots import load_model
+from urscript.work import run_to_end
 
 OBSERVATIONS: dict[str, Callable[[Situation], str]] = {}
 _PATIENCE = 6000  # control periods: an endless loop is stopped after ten seconds
@@ -179,7 +180,7 @@ def _voltages(situation: Situation) -> str:
 def _play(situation: Situation) -> str:
     config = _config(situation, running=True, external_control=DriverAddress("127.0.0.1", 1))
     controller, answers = Controller(config), list[Any]()
-    controller.programs.load_file(DRIVER_PROGRAMS / "external_control.urp")
+    run_to_end(controller.programs.load_steps(DRIVER_PROGRAMS / "external_control.urp"))
     controller.post(DashboardLine("play"), answers.append)
     controller.tick()
     return str(answers[0]) if answers else "program requested"

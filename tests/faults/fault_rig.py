@@ -7,9 +7,9 @@ from types import TracebackType
 from typing import Any
 
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
+from tests.ticking import StepClock
 from urproto.compat import Self
 from urproto.robots import load_model
 from urproto.rtde.codec import Package, PackageType, RequestProtocol, RTDEDecoder, SetupOutputs, Start

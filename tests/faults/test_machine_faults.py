@@ -4,11 +4,10 @@ import pytest
 from fault_rig import HOST, Robot, RTDEClient
 
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.config import EmulatorConfig, controller_config
 from emulator.faults.catalogue import parse_fault
 from emulator.readiness import check_ready
-from tests.ticking import ticked
+from tests.ticking import StepClock, ticked
 from urproto.modes import RobotMode
 from urproto.rtde.codec import Package, PackageType, RequestProtocol, SetupOutputs, Start
 

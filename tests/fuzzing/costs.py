@@ -17,8 +17,8 @@ from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET, Compiling, Submission
-from emulator.services.sockets import MemorySockets
 from emulator.workshare import WorkShare
+from tests.networks import MemorySockets
 from urproto.robots import load_model
 from urproto.versions import DEFAULT_VERSION, Series
 from urscript import compiler

@@ -15,7 +15,7 @@ from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.servers.primary_state import robot_state
-from emulator.services.sockets import MemorySockets
+from tests.networks import MemorySockets
 from urproto.primary.messages import RuntimeExceptionMessage
 from urproto.primary.state import encode_robot_state
 from urproto.realtime import realtime_packer

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from emulator.app import make_servers
-from emulator.commands.safety import SetSafetyDevice
 from emulator.controller import Controller
 from emulator.lifecycle.power import PowerTimings
 from emulator.lifecycle.runstate import SCRIPT_PROTECTIVE_STOP
 from emulator.machine import ControllerConfig
 from emulator.safety.signals import SafetyDevice
-from emulator.services.sockets import MemorySocket, MemorySockets
+from tests.commands import SetSafetyDevice
+from tests.networks import MemorySocket, MemorySockets
 from tests.programs.tree_rig import main, tag, urp
 from tests.servers.server_rig import MemoryClient
 from urproto.modes import RobotMode, RuntimeState, SafetyMode

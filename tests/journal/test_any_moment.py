@@ -9,15 +9,15 @@ import pytest
 
 from emulator import branches, virtual
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.commands.requests import ScriptUnit
 from emulator.journal.doors import plain_values
 from emulator.journal.replay import Replay
 from emulator.machine import ControllerConfig
 from emulator.options import configure
-from emulator.services.sockets import MemorySockets
 from emulator.virtual import VirtualRobot, virtual_robot
+from tests.networks import MemorySockets
 from tests.rows import each_row
+from tests.ticking import StepClock
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.robots import load_model
 

@@ -15,7 +15,6 @@ import pytest
 from journal_rig import Recorded
 
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.commands.requests import DashboardLine, RTDEInputs, ScriptUnit
 from emulator.control.conditions import parse_condition
 from emulator.journal.file import MAGIC, JournalError, JournalWriter, MemorySink, read_journal
@@ -26,6 +25,7 @@ from emulator.journal.stops import StopJournals
 from emulator.options import configure
 from emulator.virtual import virtual_robot
 from tests.rows import each_row
+from tests.ticking import StepClock
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.modes import RuntimeState
 

@@ -17,7 +17,7 @@ from client.recording.files import Recorder
 from emulator.cli import app
 from emulator.commands.requests import DashboardLine, RTDEInputs
 from emulator.journal.trace import trace_of
-from emulator.services.sockets import MemorySockets
+from tests.networks import MemorySockets
 from tests.rows import each_row
 from urproto.trace.model import Trace, TraceError
 from urproto.trace.page import packed, run_in, write_page

@@ -56,7 +56,7 @@ def give(rig, name, values, a, v, r):
         "pause": motion.pause,
         "protective_stop": motion.protective_stop,
         "resume": motion.resume,
-        "stop": motion.stop,
+        "stop": motion.commands.stop,
     }
     calls[name]()
 

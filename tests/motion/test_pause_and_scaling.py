@@ -131,7 +131,7 @@ def test_protective_stop_takes_a_known_time_and_can_be_resumed(rig):
 def test_stop_ends_the_movement_on_its_path(rig, decel):
     move = rig.commands.movej(GOAL, v=0.8)
     rig.steps(400)
-    rig.motion.stop(decel)
+    rig.motion.commands.stop(decel)
     assert rig.rest() == pytest.approx(0.8 / (decel or 10.0), abs=0.008)
     assert move.ready
     on_joint_line(rig)

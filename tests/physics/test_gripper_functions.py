@@ -7,9 +7,9 @@ import asyncio
 from pathlib import Path
 
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.config import EmulatorConfig, controller_config
 from tests.physics.conftest import HOME
+from tests.ticking import StepClock
 from urproto.compat_asyncio import timeout
 from urproto.primary.messages import TextMessage
 

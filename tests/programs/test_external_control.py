@@ -13,9 +13,9 @@ from tree_rig import Arm
 from emulator.commands.requests import DashboardLine, ScriptUnit
 from emulator.control.programs import ProgramVerbs
 from emulator.control.verbs import ControlledRobot
-from emulator.services.sockets import MemorySocket, MemorySockets
 from emulator.services.urcap import DriverAddress, ProgramRequest, split_program
 from tests.budget import examples
+from tests.networks import MemorySocket, MemorySockets
 from tests.rows import each_row
 from urproto.modes import RuntimeState
 from urproto.primary.messages import KeyMessage, RuntimeExceptionMessage

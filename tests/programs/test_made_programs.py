@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from client.commands.program import program_app
 from client.errors import URError
 from client.programs import all_problems, open_program
-from emulator.services.sockets import MemorySockets
+from tests.networks import MemorySockets
 from urproto.modes import RuntimeState
 from urscript.polyscope.document import make, read_document, unpacked, write_document
 from urscript.polyscope.editing import ROOT

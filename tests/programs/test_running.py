@@ -9,12 +9,13 @@ import pytest
 from tree_rig import Arm, line, main
 
 from emulator.commands.requests import RTDEInputs
-from emulator.commands.safety import TripSafety
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.safety.causes import Cause
+from tests.commands import TripSafety
 from tests.rows import each_row
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage, KeyMessage
+from urscript.work import run_to_end
 
 CLIENT = "def client():\n  movej([1.5, -1.5, 1.5, -1.6, -1.57, 0.0], a=8.0, v=1.0)\n  sleep(9)\nend\n"
 FILE = "movej([1.5, -1.5, 1.5, -1.6, -1.57, 0.0], a=8.0, v=1.0)\nsleep(9)"
@@ -69,7 +70,7 @@ REQUESTS: dict[str, Any] = {
     "stop": lambda cell: cell.programs.stop(),
     "play": lambda cell: cell.programs.play(),
     "submit": lambda cell: cell.programs.submit(CLIENT.replace("client", "second")),
-    "load": lambda cell: cell.programs.load_file(cell.folder / "other.urp"),
+    "load": lambda cell: run_to_end(cell.programs.load_steps(cell.folder / "other.urp")),
     "protective": lambda cell: cell.controller.post(TripSafety(Cause.PROGRAM)),
 }
 # Rows: requests. Columns: the state of a client's program. Cells: whether the request was accepted (yes, no or -), the

@@ -18,6 +18,7 @@ from urproto.modes import RuntimeState
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 from urscript.polyscope.urpx import UrpxError, read_information, read_urpx
+from urscript.work import run_to_end
 
 X = PolyscopeVersion(10, 12)
 VENDOR = node("vendor-thing", "v")
@@ -34,7 +35,7 @@ def load(controller: Controller, data: bytes, name: str = "file.urpx") -> None:
     path = controller.config.programs_dir
     assert path is not None
     (path / name).write_bytes(data)
-    controller.programs.load_file(path / name)
+    run_to_end(controller.programs.load_steps(path / name))
 
 
 def play(controller: Controller, periods: int) -> list[RuntimeState]:

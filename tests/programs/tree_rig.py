@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 from emulator.commands.requests import DashboardLine
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
-from emulator.services.sockets import MemorySockets
+from tests.networks import MemorySockets
 from urproto.modes import RuntimeState
 from urproto.primary.messages import RobotMessage, RuntimeExceptionMessage, TextMessage
 from urproto.robots import load_model

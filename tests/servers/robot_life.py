@@ -20,11 +20,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 from server_rig import MemoryClient
 
 from emulator.app import make_servers
-from emulator.commands.requests import DashboardLine, PopupAnswer, RTDEInputs
+from emulator.commands.requests import DashboardLine, RTDEInputs
 from emulator.controller import Controller
 from emulator.lifecycle.runstate import StopCause
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.machine import ControllerConfig
+from tests.commands import PopupAnswer
 from urproto.modes import AnalogDomain, RequestedType
 from urproto.robots import load_model
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL

@@ -13,12 +13,12 @@ import pytest
 from rich.console import Console
 
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
 from emulator.first_screen import first_screen
 from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
 from tests.rows import each_row
+from tests.ticking import StepClock
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.rtde.codec import GetVersion, RequestProtocol, RTDEDecoder, SetupOutputs, Start

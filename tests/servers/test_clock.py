@@ -5,8 +5,9 @@ from itertools import pairwise
 import pytest
 
 from emulator import clock as clock_module
-from emulator.clock import ClockStatistics, RealClock, StepClock
+from emulator.clock import ClockStatistics, RealClock
 from tests.rows import each_row
+from tests.ticking import StepClock
 
 MS = 1_000_000
 

@@ -8,7 +8,7 @@ from emulator.config import (
     ConfigError,
     EmulatorConfig,
     choose_model,
-    choose_version,
+    controller_config,
     read_calibration,
     read_initial_positions,
     read_programs_dir,
@@ -17,7 +17,7 @@ from emulator.machine import ControllerConfig
 from emulator.ports import PORTS
 from tests.rows import each_row
 from urproto.joints import JOINT_NAMES
-from urproto.robots import MODELS, Calibration, calibration_hash, load_model
+from urproto.robots import MODELS, Calibration, calibration_hash, choose_version, load_model
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 # ur_description's config/initial_positions.yaml
@@ -52,13 +52,13 @@ def test_versions() -> None:
 @each_row(("model", "text"), [("ur3", "5.22"), ("ur3", "3.16"), ("ur5e", "3.15.8")])
 def test_versions_the_arm_never_ran(model: str, text: str) -> None:
     with pytest.raises(ConfigError, match="requires PolyScope"):
-        choose_version(text, load_model(model))
+        controller_config(model, polyscope=text)
 
 
 @each_row("text", ["", "new", "5", "5.x", "-5.1"])
 def test_invalid_versions(text: str) -> None:
     with pytest.raises(ConfigError, match="is not a PolyScope version"):
-        choose_version(text, load_model("ur5e"))
+        controller_config("ur5e", polyscope=text)
 
 
 @each_row(
@@ -78,7 +78,7 @@ def test_polyscope_x_by_model(model: str, text: str, problem: str) -> None:
     assert choose_version("10.12.0", load_model("ur7e")) == PolyscopeVersion(10, 12)
     assert choose_version("10.8.0", load_model("ur15")) == PolyscopeVersion(10, 8)
     with pytest.raises(ConfigError, match=problem):
-        choose_version(text, load_model(model))
+        controller_config(model, polyscope=text)
 
 
 def test_polyscope_x_has_the_robot_api_instead_of_the_dashboard() -> None:

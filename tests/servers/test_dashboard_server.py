@@ -3,8 +3,8 @@ from server_rig import FakeController, MemoryClient
 
 from emulator.commands.requests import DashboardLine
 from emulator.mailbox import Command
-from emulator.servers.dashboard import DashboardServer
 from emulator.servers.hooks import Direction
+from emulator.servers.requests import DashboardServer
 
 GREETING = b"Connected: Universal Robots Dashboard Server\n"
 

@@ -6,7 +6,6 @@ from collections.abc import AsyncIterator
 import pytest
 
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.config import ConfigError, EmulatorConfig, choose_gripper
 from emulator.machine import ControllerConfig
 from emulator.ports import PORTS
@@ -15,6 +14,7 @@ from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 from emulator.servers.script_sockets import OwnPorts
 from emulator.services.sockets import ScriptNetwork
+from tests.ticking import StepClock
 from urproto.compat_asyncio import timeout
 from urproto.modes import RuntimeState
 from urproto.primary.messages import TextMessage

@@ -16,7 +16,7 @@ from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
 from emulator.servers.hooks import Direction
-from emulator.servers.interpreter import InterpreterServer
+from emulator.servers.requests import InterpreterServer
 from tests.budget import examples
 from tests.rows import each_row
 from urproto.compat_asyncio import timeout

@@ -2,11 +2,11 @@
 
 import pytest
 
-from emulator.commands.world import AddObject, MountTool, MoveObject, PushTool, ReleaseTool, RemoveObject
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.world.shapes import Frame, Plane, Push, Sphere, WorldObject
 from emulator.world.world import MAX_OBJECTS, POINT
+from tests.commands import AddObject, MountTool, MoveObject, PushTool, ReleaseTool, RemoveObject
 from tests.rows import each_row
 from urproto.robots import load_model
 

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulator.commands.world import PushTool, ReleaseTool
 from emulator.world.shapes import Box, Plane, Push, Sphere, WorldObject
 from tests.budget import examples
+from tests.commands import PushTool, ReleaseTool
 from urproto.modes import ControlMode
 
 CLOSE_N = 0.1

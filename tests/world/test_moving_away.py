@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from emulator.commands.requests import DashboardLine
-from emulator.commands.safety import SetSafetyDevice
 from emulator.safety.signals import SafetyDevice
 from emulator.world.file import read_world
+from tests.commands import SetSafetyDevice
 from tests.rows import each_row
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage

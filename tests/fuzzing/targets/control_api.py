@@ -8,12 +8,12 @@ from functools import cache
 from server_rig import MemoryClient
 
 from emulator.app import Emulator
-from emulator.clock import StepClock
 from emulator.config import EmulatorConfig
 from emulator.control.control import LiveControl
 from emulator.control.verbs import verbs_of
 from emulator.machine import ControllerConfig
 from targets.registry import Finding, target
+from tests.ticking import StepClock
 from urproto.robots import load_model
 
 

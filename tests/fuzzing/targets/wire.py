@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Final
 
-from emulator.builtins.remote.httpclient import RemoteError
-from emulator.builtins.remote.pstream import PacketReader
+from emulator.builtins.remote.connections import PacketReader, RemoteError
 from emulator.builtins.remote.xmlrpc import BadReplyError, Reply, to_value
 from targets.registry import REPOSITORY, VERSIONS, Finding, in_any_split, target
 from urproto import dashboard, external_control, interpreter, modbus, robotiq
