@@ -69,4 +69,3 @@ class Attached:
         with suppress(NoControlError):
             self._client.call("debug_end", {})
         self._client.close()
-
