@@ -25,7 +25,7 @@ from client.controllers import (
 )
 from client.controllers.controller import CONTROLLER_TYPES, Controller
 from client.errors import ControllerError
-from urproto.yamltext import InvalidYamlError, load_yaml
+from urproto.structures import InvalidYamlError, load_yaml
 
 _ALL: Final = (
     broadcasters,

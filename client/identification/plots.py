@@ -5,9 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from client.errors import RecordingError
+from client.errors import RecordingError, extra
 from client.identification.fidelity import UNITS, Fidelity
-from client.recording.extras import extra
 from client.recording.plots import save_figure
 from urproto.joints import JOINT_LABELS
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from client.errors import RecordingError
 from client.lerobot.features import Numbers
 from client.recording import Recording
-from client.recording.recorded_pictures import RecordedPictures
+from client.recording.pictures import RecordedPictures
 
 _NS: Final = 1e9
 _TOLERANCE_NS: Final = 1000  # times closer than this are equal: the robot's clock is a double

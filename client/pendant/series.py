@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from urproto.joints import JOINT_TITLES
-from urproto.rtde.fields import OUTPUT_FIELDS, Field, available_fields
-from urproto.rtde.types import FieldType
+from urproto.rtde.fields import OUTPUT_FIELDS, Field, FieldType, available_fields
 from urproto.signals import DIGITAL_GROUPS
 from urproto.versions import PolyscopeVersion
 

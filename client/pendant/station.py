@@ -10,9 +10,8 @@ from typing import Any, Final, TypeVar
 
 from client import dashboard, primary, robotapi, rtde
 from client.calibration import model_of
-from client.dashboard import DashboardClient
+from client.dashboard import NOT_ON_POLYSCOPE_X, DashboardClient
 from client.dashboard_commands import Operation
-from client.dashboard_on_x import NOT_ON_POLYSCOPE_X
 from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.audience import Audience
 from client.pendant.cameras import CameraLink

@@ -11,8 +11,7 @@ from client.errors import RecordingError
 from client.recording.timestamps import JUMP_S
 from client.recording.tracking import Tracking
 from urproto.joints import JOINT_NAMES
-from urproto.rtde.fields import OUTPUT_FIELDS
-from urproto.rtde.types import FieldType
+from urproto.rtde.fields import OUTPUT_FIELDS, FieldType
 
 DEFAULT_FIELDS: Final = (
     "timestamp",

@@ -12,9 +12,8 @@ from typing import Final
 from client.traffic.players import PlaybackOptions, Player, UnansweredError
 from client.traffic.rtde_log import Outputs, Row, RTDELog
 from urproto.rtde import codec
-from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
+from urproto.rtde.fields import INPUT_FIELDS, NOT_FOUND, OUTPUT_FIELDS, WIRE_TYPES
 from urproto.rtde.recipes import Recipe, type_names
-from urproto.rtde.types import NOT_FOUND, WIRE_TYPES
 from urproto.versions import PolyscopeVersion
 
 _INPUT_TIMEOUT_S: Final = 0.5  # longest wait for the inputs before a state (guess)

@@ -1,11 +1,12 @@
-"""Translate a program tree to URScript."""
+"""Translate a program tree to URScript, and list its nodes as a pendant shows them."""
 
+from dataclasses import dataclass
 from typing import Final
 
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.document import DocumentError, Element
 from urscript.polyscope.installation_file import InstallationFile
-from urscript.polyscope.naming import identifier, quoted
+from urscript.polyscope.naming import identifier, quoted, tag_in_words
 from urscript.polyscope.nodes import NODE_MODULES
 from urscript.polyscope.numbers import list_text, pose_text
 from urscript.polyscope.registry import NODES, translate
@@ -26,6 +27,8 @@ _ACTIONS: Final = {
     ("GP_bool_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_gp_boolean_output_to_value({0}, 1)",
     ("analog_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_standard_analog_output_to_value({0}, 1)",
 }
+
+_NODE_WORK: Final = 20  # guess [units of `urscript.work`]
 
 
 def write_preamble(writer: Writer) -> None:
@@ -141,3 +144,34 @@ def write_steps(
     except DocumentError as error:
         raise TreeError(f"{tree.name}: {error}") from error
     return writer
+
+
+@dataclass(frozen=True, slots=True)
+class OutlineNode:
+    """A node of the outline. number: its line in the tree, as used in labels. suppressed: it is not executed."""
+
+    number: int
+    depth: int
+    text: str
+    suppressed: bool = False
+
+
+def outline_steps(
+    tree: ProgramTree, installation: InstallationFile, version: PolyscopeVersion
+) -> Steps[list[OutlineNode]]:
+    """All nodes in order, in pieces for a control loop. Raises TreeError for a tree that cannot be run."""
+    writer = yield from write_steps(tree, installation, version=version, external_control=ExternalControlCode("", ""))
+    nodes = list[OutlineNode]()
+    for line in tree.lines:
+        text = writer.labels.get(line.number) or _name(line.element)
+        nodes.append(OutlineNode(line.number, line.depth, text, line.suppressed))
+        yield _NODE_WORK
+    return nodes
+
+
+def _name(element: Element) -> str:
+    """The name of a node without a label: its own, or that of its kind."""
+    kind, named = element.tag, element
+    if element.tag == "SuppressedNode" and (inner := element.child("suppressedNode")) is not None:
+        kind, named = inner.get("class") or kind, inner
+    return named.attributes.get("name") or tag_in_words(kind)
