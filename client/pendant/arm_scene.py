@@ -23,7 +23,7 @@ from nicegui.elements.scene.scene_object3d import Object3D
 from client.calibration import parameters
 from client.pendant.page import Page
 from client.pendant.station import Station
-from urproto.primary.state import KinematicsInfo
+from urproto.primary.subpackages import KinematicsInfo
 from urproto.robots import CalibrationError
 from urproto.robots.calibration import Chain, chain_of
 from urproto.robots.description import MissingMeshesError, PlacedMesh, joint_frames, mesh_file, placed_meshes

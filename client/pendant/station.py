@@ -39,7 +39,8 @@ from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.ports import CAMERA_PORT, CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.messages import ErrorCodeMessage
-from urproto.primary.state import ConfigurationData, RobotStateData
+from urproto.primary.state import RobotStateData
+from urproto.primary.subpackages import ConfigurationData
 from urproto.robots import RobotModel
 from urproto.text import readable_in
 from urproto.versions import PolyscopeVersion, Series

@@ -17,7 +17,7 @@ from nicegui.elements.scene.objects import Gltf, Stl, Text
 from nicegui.page import page as ui_page
 
 from client.pendant.arm_scene import DrawnArm, Lathe
-from urproto.primary.state import KinematicsInfo
+from urproto.primary.subpackages import KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, RobotModel, kinematics_of, load_model
 from urproto.robots.description import urdf
 from urproto.robots.pose import rotvec_to_matrix
