@@ -364,11 +364,6 @@ class ScriptCommand:
         return from_words(self.words)
 
     @classmethod
-    def plain(cls, kind: ScriptCommandKind) -> Self:
-        """A command without parameters."""
-        return cls(kind)
-
-    @classmethod
     def set_payload(cls, mass_kg: float, cog_m: Sequence[float]) -> Self:
         """Mass and centre of gravity (3,) from the flange."""
         return cls(ScriptCommandKind.SET_PAYLOAD, to_words([mass_kg, *_three("the centre of gravity", cog_m)]))

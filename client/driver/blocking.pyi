@@ -203,7 +203,10 @@ class BlockingURDriver(Blocking[URDriver]):
     def torque(self, torque_Nm: Sequence[float], timeout_s: float = 0.2) -> None:
         """Send joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer."""
     def trajectory_result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Wait for the end of the trajectory under way; a timeout of None waits as long as it takes."""
+        """Wait for the end of the trajectory under way, and for a state taken after it.
+
+        A timeout of None waits as long as it takes.
+        """
     @property
     def version(self) -> PolyscopeVersion:
         """The robot's PolyScope version."""

@@ -153,11 +153,11 @@ class AsyncRobot:
     @property
     def state(self) -> RobotState:
         """The newest state, whatever its age (``state.age_s``)."""
-        return RobotState.of(self.driver.state)
+        return RobotState(self.driver.state)
 
     @property
     def _fresh(self) -> RobotState:
-        return RobotState.of(self.driver.link.feed.fresh())
+        return RobotState(self.driver.link.feed.fresh())
 
     @property
     def q(self) -> Joints:

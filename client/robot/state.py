@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Final, cast
 
 from client.rtde import ReceivedState
-from urproto.compat import Self
 from urproto.errors import LocalProtocolError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 from urproto.robots import Joints
@@ -33,15 +32,11 @@ _AT_REST_RAD_S: Final = 1e-4  # guess: far below any motion, above rounding
 class RobotState:
     """State of the robot in one control period.
 
-    values: all received RTDE variables, by name; the properties are computed from them on access.
+    values: all received RTDE variables, by name: `OUTPUTS`, and those that a driver needs. The properties are computed
+    from them on access.
     """
 
     values: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Self:
-        """Create it from the RTDE variables: `OUTPUTS`, and those that a driver needs."""
-        return cls(values)
 
     @property
     def age_s(self) -> float:

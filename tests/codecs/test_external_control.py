@@ -104,7 +104,7 @@ COMMANDS = [
     (ScriptCommand.set_stream_parameters(0.03, 2000, 40, 4), [102, 30000, 2000000000, 40000000, 4000000]),
     (ScriptCommand.set_freedrive_axes((0, 0, 1, 0, 0, 1), Q), [103, 0, 0, 1, 0, 0, 1, *Q_WORDS]),
     (ScriptCommand.start_contact_detection((0, 0, -1, 0, 0, 0)), [104, 0, 0, -1000000, 0, 0, 0]),
-    (ScriptCommand.plain(ScriptCommandKind.STOP_CONTACT_DETECTION), [105]),
+    (ScriptCommand(ScriptCommandKind.STOP_CONTACT_DETECTION), [105]),
     (ScriptCommand.set_force_mode_parameters(0.025, 0.5), [106, 25000, 500000]),
 ]
 

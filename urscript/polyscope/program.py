@@ -13,7 +13,7 @@ from urscript.polyscope.registry import NODES, translate
 from urscript.polyscope.starting import SKIPPING, StartingNode
 from urscript.polyscope.tree import ProgramTree, TreeError
 from urscript.polyscope.writer import ExternalControlCode, Writer, find_pin
-from urscript.work import Steps, run_to_end
+from urscript.work import Steps
 
 # kind of pin and its automatic action in PolyScope's words -> the call that sets it; START, STOP and PAUSE have none
 _ACTIONS: Final = {
@@ -90,20 +90,6 @@ def _modbus(writer: Writer) -> None:
 assert NODES, NODE_MODULES  # importing the modules registers the nodes
 
 
-def script_of(
-    tree: ProgramTree,
-    installation: InstallationFile,
-    *,
-    version: PolyscopeVersion = DEFAULT_VERSION[Series.E],
-    external_control: ExternalControlCode | None = None,
-) -> str:
-    """The URScript of a program.
-
-    Raises TreeError if the tree has nodes that cannot be run, or External Control nodes without code.
-    """
-    return run_to_end(script_steps(tree, installation, version=version, external_control=external_control))
-
-
 def script_steps(
     tree: ProgramTree,
     installation: InstallationFile,
@@ -112,7 +98,10 @@ def script_steps(
     external_control: ExternalControlCode | None = None,
     start_at: int = 0,
 ) -> Steps[str]:
-    """Like `script_of`, in pieces for a control loop. start_at: number of the node to begin at, 0 for all of it."""
+    """The URScript of a program, in pieces for a control loop. start_at: number of the node to begin at, 0 for all.
+
+    Raises TreeError if the tree has nodes that cannot be run, or External Control nodes without code.
+    """
     writer = yield from write_steps(
         tree, installation, version=version, external_control=external_control, start_at=start_at
     )
