@@ -124,11 +124,9 @@ class Broadcast(Player):
         self._next = 0
 
     def begin(self, now_s: float) -> None:
-        """Start at position 0 now."""
         self._begin_s = now_s
 
     def due(self, now_s: float) -> bytes:
-        """The messages whose time has come."""
         position_s = (now_s - self._begin_s) * self._timing.speed
         end = bisect_right(self._script.times_s, position_s + 1e-9)
         messages = self._script.messages[self._next : end]
@@ -139,14 +137,12 @@ class Broadcast(Player):
 
     @property
     def next_s(self) -> float | None:
-        """Time of the next message, or of the end."""
         times = self._script.times_s
         position_s = times[self._next] if self._next < len(times) else self._script.end_s
         return self._begin_s + position_s / self._timing.speed
 
     @property
     def finished(self) -> bool:
-        """Whether everything was sent."""
         return self._next == len(self._script.messages) and not self._timing.loop
 
 
@@ -165,17 +161,14 @@ class SequentialPlayer(Player):
         self._taken = 0  # bytes of the client not yet matched to a recorded piece
 
     def begin(self, now_s: float) -> None:
-        """Start the recording now."""
         self._now_s = now_s
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """Count the bytes."""
         self._taken += len(data)
         self._match_client_pieces(now_s)
         return b""
 
     def due(self, now_s: float) -> bytes:
-        """The server's bytes due by now."""
         sent = b""
         self._match_client_pieces(now_s)
         while (due_s := self.next_s) is not None and due_s <= now_s and not self.finished:
@@ -197,7 +190,6 @@ class SequentialPlayer(Player):
 
     @property
     def next_s(self) -> float | None:
-        """Time at which the server sends next; None while it waits for the client."""
         if self._next < len(self._pieces) and self._pieces[self._next].from_server:
             wait_s = (self._pieces[self._next].time_ns - self._time_ns) / 1e9 / self._timing.speed
             return self._now_s + max(0.0, wait_s)
@@ -205,7 +197,6 @@ class SequentialPlayer(Player):
 
     @property
     def finished(self) -> bool:
-        """Whether the server has sent everything."""
         return not any(piece.from_server for piece in self._pieces[self._next :])
 
 
@@ -250,12 +241,10 @@ class DialoguePlayer(Player):
         self._buffer = bytearray()
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """The answers to the requests that these bytes complete."""
         self._buffer += data
         return b"".join(self._answer(self._requests, request) for request in self._cut(self._buffer))
 
     def due(self, now_s: float) -> bytes:
-        """The greeting, once."""
         greeting, self._greeting = self._greeting, b""
         return greeting
 
