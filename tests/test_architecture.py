@@ -79,7 +79,7 @@ THIRD_PARTY = {
     "nicegui": ("client.pendant",),
     "foxglove": ("client.recording.live",),
     "websockets": ("client.recording.live",),
-    "matplotlib": ("client.recording.plots", "client.identification.plots"),
+    "matplotlib": ("client.recording.plots", "client.identification.fidelity"),
     "mcap": ("client.recording.mcapfile", "client.recording.pictures"),
     "numpy": (
         "emulator.physics",

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from client.errors import RecordingError, extra
 from client.lerobot import stats
-from client.lerobot.episodes import Episode, episode, usual_rate_hz
-from client.lerobot.features import DEFAULT_ACTION, DEFAULT_STATE, Numbers
+from client.lerobot.episodes import DEFAULT_ACTION, DEFAULT_STATE, Episode, Numbers, episode, usual_rate_hz
 from client.recording import read
 from client.recording.files import remarks
 from client.recording.pictures import RecordedPictures, read_pictures

@@ -6,9 +6,8 @@ from typing import Final
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.document import DocumentError, Element
 from urscript.polyscope.installation_file import InstallationFile
-from urscript.polyscope.naming import identifier, quoted, tag_in_words
 from urscript.polyscope.nodes import NODE_MODULES
-from urscript.polyscope.numbers import list_text, pose_text
+from urscript.polyscope.numbers import identifier, list_text, pose_text, quoted, tag_in_words
 from urscript.polyscope.registry import NODES, translate
 from urscript.polyscope.starting import SKIPPING, StartingNode
 from urscript.polyscope.tree import ProgramTree, TreeError

@@ -6,7 +6,7 @@ from typing import Any, Final
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import Field, child_number, expression_field, of_type, parts_choice, pin_field, titled
-from urscript.polyscope.naming import truth
+from urscript.polyscope.numbers import truth
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import ANALOG_INPUTS, DIGITAL_INPUTS, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_name, pin_reading
