@@ -14,10 +14,9 @@ def exports(package: dict[str, Any]) -> tuple[Callable[[str], Any], Callable[[],
 
     @cache
     def homes() -> Mapping[str, str | None]:
-        import ast  # both are imported here: importing a package takes no time in which Ctrl-C would show a traceback
-        import linecache
+        import ast  # imported here: importing a package takes no time in which Ctrl-C would show a traceback
 
-        source = "".join(linecache.getlines(package["__file__"], package))
+        source = package["__spec__"].loader.get_source(package["__name__"])
         imports = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom))
         return {alias.name: node.module for node in imports for alias in node.names}
 
