@@ -1,8 +1,10 @@
 """Packages whose public names are imported on first use: programs that need few of them start sooner."""
 
+import ast
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 
@@ -14,10 +16,8 @@ def exports(package: dict[str, Any]) -> tuple[Callable[[str], Any], Callable[[],
 
     @cache
     def homes() -> Mapping[str, str | None]:
-        import ast  # imported here: importing a package takes no time in which Ctrl-C would show a traceback
-
-        source = package["__spec__"].loader.get_source(package["__name__"])
-        imports = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom))
+        imports = (node for node in ast.walk(ast.parse(Path(package["__file__"]).read_text("utf-8")))
+                   if isinstance(node, ast.ImportFrom))  # fmt: skip
         return {alias.name: node.module for node in imports for alias in node.names}
 
     def get(name: str) -> Any:
