@@ -7,7 +7,8 @@ The names below are imported from their modules on first use. Programs that need
 ``ur-client``, start in half the time.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
 
 from urproto.lazy import exports
 
@@ -88,4 +89,37 @@ __all__ = [
     "write_calibration",
 ]
 
-__getattr__, __dir__ = exports(globals())
+_MODULES: Final[Mapping[str, tuple[str, ...]]] = {
+    "client.calibration": ("read_calibration", "write_calibration"),
+    "client.dashboard": ("BlockingDashboardClient", "DashboardClient"),
+    "client.driver": ("BlockingURDriver", "URDriver", "points"),
+    "client.errors": (
+        "ClientError",
+        "ConnectionLostError",
+        "DeviceError",
+        "FileError",
+        "LateSetpointError",
+        "MotionError",
+        "MotionStoppedError",
+        "NoAnswerError",
+        "OutOfReachError",
+        "ProgramEndedError",
+        "ProgramNotRunningError",
+        "ProtectiveStopError",
+        "RobotUnreachableError",
+        "SafetyStopError",
+        "ScriptFailedError",
+        "StaleStateError",
+    ),
+    "client.gripper": ("GripperClient",),
+    "client.modbus": ("BlockingModbusClient", "ModbusClient"),
+    "client.primary": ("BlockingPrimaryClient", "PrimaryClient"),
+    "client.realtime": ("BlockingRealtimeClient", "RealtimeClient"),
+    "client.robot": ("AsyncRobot", "Robot", "RobotState"),
+    "client.robotapi": ("BlockingRobotAPIClient", "RobotAPIClient"),
+    "client.rtde": ("BlockingRTDEClient", "RTDEClient", "read_recipe"),
+    "client.scripts": ("ScriptResult",),
+    "client.tool_communication": ("ToolCommunication",),
+    "urproto.errors": ("URError",),
+}
+__getattr__, __dir__ = exports(globals(), _MODULES)

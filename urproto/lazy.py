@@ -1,29 +1,23 @@
 """Packages whose public names are imported on first use: programs that need few of them start sooner."""
 
-import ast
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 
-def exports(package: dict[str, Any]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """The functions ``__getattr__`` and ``__dir__`` of a package, whose globals are given.
+def exports(
+    package: dict[str, Any], modules: Mapping[str, Sequence[str]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """The functions ``__getattr__`` and ``__dir__`` of a package.
 
-    Its source has the imports, under ``if TYPE_CHECKING:``, where type checkers and editors see them.
+    package: its globals. modules: its public names by the module that defines them.
     """
-
-    @cache
-    def homes() -> Mapping[str, str | None]:
-        imports = (node for node in ast.walk(ast.parse(Path(package["__file__"]).read_text("utf-8")))
-                   if isinstance(node, ast.ImportFrom))  # fmt: skip
-        return {alias.name: node.module for node in imports for alias in node.names}
+    homes = {name: module for module, names in modules.items() for name in names}
 
     def get(name: str) -> Any:
-        if name not in package["__all__"]:
+        if name not in homes:
             raise AttributeError(f"module {package['__name__']!r} has no attribute {name!r}")
-        value = package[name] = getattr(import_module(str(homes()[name])), name)
+        value = package[name] = getattr(import_module(homes[name]), name)
         return value
 
-    return get, lambda: sorted({*package, *package["__all__"]})
+    return get, lambda: sorted({*package, *homes})

@@ -33,4 +33,13 @@ __all__ = [
     "compile_script",
 ]
 
-__getattr__, __dir__ = exports(globals())
+__getattr__, __dir__ = exports(
+    globals(),
+    {
+        "urscript.builtins": ("Builtin", "Library", "LibrarySet"),
+        "urscript.compiler": ("CompiledProgram", "compile_script"),
+        "urscript.errors": ("CompileError", "RuntimeFault", "ScriptError", "ScriptRuntimeError"),
+        "urscript.runtime": ("Host", "Runtime", "ScriptThread"),
+        "urscript.splitter": ("ScriptSplitter", "Unit"),
+    },
+)
