@@ -14,10 +14,10 @@ import yaml
 from client.errors import FileError, PlanningError
 from urproto.durable import write_file
 from urproto.modes import KinematicsStatus
-from urproto.primary.state import ConfigurationData, KinematicsInfo
+from urproto.primary.subpackages import ConfigurationData, KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics, RobotModel, load_model
 from urproto.robots.calibrated import CalibratedKinematics
-from urproto.yamltext import InvalidYamlError, load_yaml
+from urproto.structures import InvalidYamlError, load_yaml
 
 _LENGTH_TOLERANCE_M: Final = 0.01  # configuration data and data files have the same lengths, except for old hardware
 

@@ -13,7 +13,10 @@ does not have, without sending it.
 """
 
 import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
+from typing import Any, Final
 
 from client import robotapi
 from client.connection import (
@@ -27,15 +30,39 @@ from client.connection import (
 )
 from client.dashboard_commands import *  # noqa: F403 - the operations, which callers pass to `request`
 from client.dashboard_commands import POLYSCOPE_VERSION, Answer, Operation
-from client.dashboard_on_x import DashboardOnX
 from client.errors import ClientError, ConnectionLostError, RobotUnreachableError
 from client.quantities import checked
+from client.robotapi import ApiRequest, RobotApiCore
 from urproto import dashboard as wire
 from urproto.compat import Self
-from urproto.errors import LocalProtocolError, RemoteProtocolError
+from urproto.dashboard import ProgramState
+from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.versions import PolyscopeVersion
 
 PORT = 29999
+NOT_ON_POLYSCOPE_X: Final = "the Robot API of PolyScope X does not have it"
+_FOLDER: Final = "/programs/"
+_SUFFIX: Final = ".urpx"
+_LOAD: Final = "load "
+
+# line in lower case -> the request, and the answer of a dashboard
+_CONFIRMED: Final[dict[str, tuple[ApiRequest[None], str]]] = {
+    "power on": (robotapi.POWER_ON, wire.POWERING_ON),
+    "power off": (robotapi.POWER_OFF, wire.POWERING_OFF),
+    "brake release": (robotapi.BRAKE_RELEASE, wire.BRAKE_RELEASING),
+    "unlock protective stop": (robotapi.UNLOCK_PROTECTIVE_STOP, wire.UNLOCKING),
+    "restart safety": (robotapi.RESTART_SAFETY, wire.RESTARTING_SAFETY),
+    "pause": (robotapi.PAUSE, wire.PAUSING),
+    "stop": (robotapi.STOP, wire.STOPPED),
+}
+_QUERIES: Final[dict[str, tuple[ApiRequest[Any], Callable[[Any], str]]]] = {
+    "robotmode": (robotapi.ROBOT_MODE, lambda mode: f"Robotmode: {mode.name}"),
+    "safetymode": (robotapi.SAFETY_MODE, lambda mode: f"Safetymode: {mode.name}"),
+    "running": (robotapi.PROGRAM_STATE, lambda state: f"Program running: {str(state is ProgramState.PLAYING).lower()}"),
+    "get loaded program": (robotapi.LOADED_PROGRAM, lambda name: f"Loaded program: {name}"),
+    "is in remote control": (robotapi.IS_IN_REMOTE_CONTROL, lambda remote: str(remote).lower()),
+    "get operational mode": (robotapi.OPERATIONAL_MODE, lambda mode: mode.name),
+}
 
 
 class DashboardCore:
@@ -131,6 +158,17 @@ class _Dashboard(Connection):
     def _opening(self) -> Flow[None]:
         return self._core.opening()
 
+    @contextmanager
+    def _on_x(self, missing: RobotUnreachableError) -> Iterator[None]:
+        """Connect to the Robot API in this block instead. Raises ``missing`` if there is none."""
+        wanted, self.port = self.port, self._robot_api_port
+        self._core = DashboardOnX(self.host, self.port)
+        try:
+            yield
+        except (ClientError, RemoteProtocolError):
+            self.port, self._core = wanted, DashboardCore(self._reconnect_s)
+            raise missing from None
+
 
 @checked
 class DashboardClient(_Dashboard, AsyncConnection):
@@ -159,13 +197,8 @@ class DashboardClient(_Dashboard, AsyncConnection):
             return await super().__aenter__()
         except RobotUnreachableError as error:
             missing = error
-        wanted, self.port = self.port, self._robot_api_port
-        self._core = DashboardOnX(self.host, self.port)
-        try:
+        with self._on_x(missing):
             return await super().__aenter__()
-        except (ClientError, RemoteProtocolError):
-            self.port, self._core = wanted, DashboardCore(self._reconnect_s)
-            raise missing from None
 
 
 @checked
@@ -184,14 +217,57 @@ class BlockingDashboardClient(_Dashboard, BlockingConnection):
             return super().__enter__()
         except RobotUnreachableError as error:
             missing = error
-        wanted, self.port = self.port, self._robot_api_port
-        self._core = DashboardOnX(self.host, self.port)
-        try:
+        with self._on_x(missing):
             return super().__enter__()
-        except (ClientError, RemoteProtocolError):
-            self.port, self._core = wanted, DashboardCore(self._reconnect_s)
-            raise missing from None
 
     def check(self) -> None:
         """Raise ConnectionLostError if the robot has closed the connection meanwhile; sends nothing."""
         self.run(self._core.read_pending())
+
+
+class DashboardOnX:
+    """The counterpart of `client.dashboard.DashboardCore` over the Robot API, without I/O."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._api = RobotApiCore(host, port)
+
+    def opening(self) -> Flow[None]:
+        """Check that this is a Robot API. Raises RemoteProtocolError if it is not."""
+        return self._api.opening()
+
+    def request(self, operation: Operation[Answer]) -> Flow[Answer]:
+        """Carry out an operation, and read the answer that a dashboard would give."""
+        reply = yield from self._answer(operation.line.strip())
+        return operation.answer(reply)
+
+    def read_pending(self) -> Flow[None]:
+        """Do nothing: between requests nothing arrives."""
+        yield from ()
+
+    def _answer(self, line: str) -> Flow[str]:
+        key = line.lower()
+        if key in _CONFIRMED:
+            request, confirmation = _CONFIRMED[key]
+            yield from self._api.request(request)
+            return confirmation
+        if key in _QUERIES:
+            query, shown = _QUERIES[key]
+            return shown((yield from self._api.request(query)))
+        if key.startswith(_LOAD):
+            name = line[len(_LOAD) :].strip().removeprefix(_FOLDER).removesuffix(_SUFFIX)
+            yield from self._api.request(robotapi.load(name))
+            return f"Loading program: {name}"
+        if key == "play":
+            return (yield from self._play())
+        if key == "programstate":
+            state = yield from self._api.request(robotapi.PROGRAM_STATE)
+            return f"{state.value} {(yield from self._api.request(robotapi.LOADED_PROGRAM))}"
+        if key == "quit":
+            return wire.DISCONNECTED
+        raise RobotRefused(line, NOT_ON_POLYSCOPE_X, "send URScript, or do without it")
+
+    def _play(self) -> Flow[str]:
+        """Start the program, or resume it if it is paused, like the dashboard's play."""
+        state = yield from self._api.request(robotapi.PROGRAM_STATE)
+        yield from self._api.request(robotapi.RESUME if state is ProgramState.PAUSED else robotapi.PLAY)
+        return wire.STARTING

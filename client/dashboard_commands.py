@@ -24,8 +24,8 @@ _REPORT_TIMEOUT_S: Final = 600.0  # source: dashboard manual, a support file may
 
 _REMOTE_CONTROL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 _UNKNOWN: Final = "this controller does not know the command"
-_POWER: Final = "check the safety mode: an emergency stop, a violation or a fault must be cleared first"
-_PROGRAM: Final = "load a program first, release the brakes, clear any stop; see the log and the pendant"
+POWER_ADVICE: Final = "check the safety mode: an emergency stop, a violation or a fault must be cleared first"
+PROGRAM_ADVICE: Final = "load a program first, release the brakes, clear any stop; see the log and the pendant"
 _NO_PROGRAM: Final = "there is no running program to pause"
 _PATH: Final = (
     "give a path below the controller's programs folder; the file and its installation must open on the robot"
@@ -119,9 +119,9 @@ def _model(reply: str) -> str:
 
 # Power and safety
 
-POWER_ON = _confirmed("power on", _POWER)
-POWER_OFF = _confirmed("power off", _POWER)
-BRAKE_RELEASE = _confirmed("brake release", _POWER)
+POWER_ON = _confirmed("power on", POWER_ADVICE)
+POWER_OFF = _confirmed("power off", POWER_ADVICE)
+BRAKE_RELEASE = _confirmed("brake release", POWER_ADVICE)
 UNLOCK_PROTECTIVE_STOP = _confirmed("unlock protective stop", _UNLOCK)
 RESTART_SAFETY = _confirmed("restart safety", "check the safety mode")
 ROBOT_MODE: Operation[RobotMode] = _query("robotmode", wire.parse_robot_mode)
@@ -130,7 +130,7 @@ SAFETY_STATUS: Operation[SafetyStatus] = _query("safetystatus", wire.parse_safet
 
 # Programs and installations
 
-PLAY = _confirmed("play", _PROGRAM)
+PLAY = _confirmed("play", PROGRAM_ADVICE)
 PAUSE = _confirmed("pause", _NO_PROGRAM)
 STOP = _confirmed("stop")
 IS_RUNNING: Operation[bool] = _query("running", wire.parse_boolean)

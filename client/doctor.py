@@ -31,8 +31,7 @@ from urproto.compat import StrEnum
 from urproto.dashboard import GREETING, LineDecoder, encode_line, is_not_understood
 from urproto.errors import RemoteProtocolError, RobotRefused, URError
 from urproto.robots import Calibration, CalibrationError
-from urproto.rtde.fields import MAX_TIMESTAMP_S
-from urproto.rtde.types import IN_USE
+from urproto.rtde.fields import IN_USE, MAX_TIMESTAMP_S
 from urproto.text import quoted
 
 _PACKAGES = ("ur-emulator", "ur-rtde", "pin", "numpy")

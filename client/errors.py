@@ -332,3 +332,15 @@ class PathBlockedError(PlanningError):
 
 class SceneError(PlanningError):
     """A planning scene is invalid."""
+
+
+@contextmanager
+def extra(name: str, what: str) -> Iterator[None]:
+    """Guard the imports of an extra. Raises MissingExtraError if one of its packages is not installed.
+
+    what: the feature that needs them, for the message.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(what, name) from error

@@ -33,7 +33,8 @@ from urproto.primary.messages import (
     TextMessage,
     VersionMessage,
 )
-from urproto.primary.state import ConfigurationData, KinematicsInfo, ModeData, RobotStateData
+from urproto.primary.state import RobotStateData
+from urproto.primary.subpackages import ConfigurationData, KinematicsInfo, ModeData
 from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion
 

@@ -286,10 +286,7 @@ def report_of(path: Path, form: str, model: str | None, polyscope: str | None) -
     """
     options = [*(["--model", model] if model else []), *(["--polyscope", polyscope] if polyscope else [])]
     command = [*module_command("urscript"), "check", f"--format={form}", "--strict", *options, str(path)]
-    try:
-        ran = subprocess.run(command, capture_output=True, timeout=_CHECK_S)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise CheckerError(f"urscript check: {error}") from None
+    ran = _run(command)
     if ran.returncode not in _CHECKED:
         raise CheckerError(readable(from_bytes(ran.stderr)).strip() or str(ran.returncode))
     return ran.returncode, from_bytes(ran.stdout)
@@ -310,11 +307,15 @@ def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]
 
 def script_problems(text: str, version: PolyscopeVersion) -> list[ScriptProblem]:
     """What ``urscript check`` finds in a script, for a controller of this version. Raises CheckerError."""
+    ran = _run(checker_command(version), to_bytes(text))
+    return read_problems(ran.returncode, ran.stdout, ran.stderr)
+
+
+def _run(command: Sequence[str], text: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
     try:
-        ran = subprocess.run(checker_command(version), input=to_bytes(text), capture_output=True, timeout=_CHECK_S)
+        return subprocess.run(command, input=text, capture_output=True, timeout=_CHECK_S)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise CheckerError(f"urscript check: {error}") from None
-    return read_problems(ran.returncode, ran.stdout, ran.stderr)
 
 
 def read_problems(status: int | None, output: bytes, errors: bytes) -> list[ScriptProblem]:

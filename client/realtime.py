@@ -15,42 +15,25 @@ from urproto.realtime import RealtimeDecoder, RealtimeState
 PORT = 30003
 
 
-class RealtimeCore:
-    """One client's side of a realtime connection, without I/O."""
-
-    def __init__(self) -> None:
-        self._reset()
-
-    def _reset(self) -> None:
-        self._decoder = RealtimeDecoder()
-        self._received: deque[RealtimeState] = deque()
-
-    def opening(self) -> Flow[None]:
-        """Start on a new connection, which needs no handshake."""
-        self._reset()
-        yield from ()
-
-    def receive(self) -> Flow[RealtimeState]:
-        """The next state, by variable name; states come in order, and none is skipped."""
-        while not self._received:
-            self._received.extend(self._decoder.feed((yield None)))
-        return self._received.popleft()
-
-
 class _Realtime(Connection):
     """The operations of the asynchronous and the blocking client."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
-        self.core = RealtimeCore()
+        self._decoder = RealtimeDecoder()
+        self._received: deque[RealtimeState] = deque()
 
     def _opening(self) -> Flow[None]:
-        return self.core.opening()
+        self._decoder = RealtimeDecoder()
+        self._received.clear()
+        yield from ()
 
     @FlowMethod
     def receive(self) -> Flow[RealtimeState]:
         """The next state, by variable name; states come in order, and none is skipped."""
-        return self.core.receive()
+        while not self._received:
+            self._received.extend(self._decoder.feed((yield None)))
+        return self._received.popleft()
 
 
 class RealtimeClient(_Realtime, AsyncConnection):

@@ -24,6 +24,7 @@ from urllib.parse import urlsplit
 import h11
 
 from client.connection import DEFAULT_TIMEOUT_S, AsyncConnection, BlockingConnection, Flow, Reconnect, TimeLimit
+from client.dashboard_commands import POWER_ADVICE, PROGRAM_ADVICE
 from client.errors import ConnectionLostError
 from client.quantities import checked, checked_call
 from urproto import robotapi as wire
@@ -43,8 +44,6 @@ _OK, _FORBIDDEN, _REDIRECTS = 200, 403, (301, 302, 307, 308)
 _READING_SINCE: Final = (3, 1, 4)  # of the API's own versions: came with PolyScope 10.12
 REMOTE_CONTROL: Final = "switch the robot to Remote Control on its teach pendant"
 """Advice for a refusal by a robot in local control."""
-_POWER: Final = "check the safety mode: an emergency stop, a violation or a fault must be cleared first"
-_PROGRAM: Final = "load a program first, release the brakes, clear any stop; see the log and the pendant"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,12 +130,12 @@ def _date(listed: Any, key: str) -> int | None:
     return int(value) if isinstance(value, int | float) else None
 
 
-def _change(action: StateAction, advice: str = _POWER) -> ApiRequest[None]:
+def _change(action: StateAction, advice: str = POWER_ADVICE) -> ApiRequest[None]:
     return ApiRequest(wire.PUT_STATE, _done, {"action": action.value}, advice=advice, timeout_s=_SWITCHING_S)
 
 
 def _act(action: ProgramAction) -> ApiRequest[None]:
-    return ApiRequest(wire.PUT_PROGRAM_STATE, _done, {"action": action.value}, advice=_PROGRAM)
+    return ApiRequest(wire.PUT_PROGRAM_STATE, _done, {"action": action.value}, advice=PROGRAM_ADVICE)
 
 
 POWER_ON = _change(StateAction.POWER_ON)

@@ -33,9 +33,8 @@ from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableEr
 from client.quantities import checked
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
 from urproto.rtde import codec
-from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
+from urproto.rtde.fields import IN_USE, INPUT_FIELDS, NOT_FOUND, OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe, RecipeValues
-from urproto.rtde.types import IN_USE, NOT_FOUND
 from urproto.text import quoted
 from urproto.versions import PolyscopeVersion
 

@@ -43,8 +43,8 @@ from urproto.facts import known_releases, ledger, release_of
 from urproto.robotapi import BASE
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
+from urproto.structures import load_yaml
 from urproto.versions import Availability
-from urproto.yamltext import load_yaml
 from urscript.builtins import Builtin, LibrarySet
 from urscript.check import signatures
 from urscript.check.names import urcaps

@@ -34,12 +34,11 @@ from urproto.robots import Calibration, CalibrationError, RobotModel, calibratio
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints
 from urproto.rtde.fields import AVAILABLE as RTDE
-from urproto.structures import converted
+from urproto.structures import InvalidYamlError, converted, load_yaml
 from urproto.text import unknown
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urproto.worldfile import WorldFileError
-from urproto.yamltext import InvalidYamlError, load_yaml
 from urscript.polyscope.safety_configuration import SafetyConfiguration, factory_configuration
 from urscript.polyscope.safety_section import SafetySettingsError
 

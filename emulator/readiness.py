@@ -36,8 +36,7 @@ from urproto.realtime import RealtimeDecoder
 from urproto.robotapi import URCAPS
 from urproto.robotiq import Get, encode_value
 from urproto.rtde import codec
-from urproto.rtde.fields import OUTPUT_FIELDS
-from urproto.rtde.types import IN_USE
+from urproto.rtde.fields import IN_USE, OUTPUT_FIELDS
 
 _TIMEOUT_S: Final = 15.0  # guess; 0.2 s on an idle machine, some seconds if eight robots start together
 _READ_BYTES: Final = 4096

@@ -52,7 +52,6 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "client.connection",
             "client.dashboard",
             "client.dashboard_commands",
-            "client.dashboard_on_x",
             "client.errors",
             "client.gripper",
             "client.modbus",

@@ -80,8 +80,8 @@ THIRD_PARTY = {
     "nicegui": ("client.pendant",),
     "foxglove": ("client.recording.live",),
     "websockets": ("client.recording.live",),
-    "matplotlib": ("client.recording.plots", "client.identification.plots"),
-    "mcap": ("client.recording.mcapfile", "client.recording.recorded_pictures"),
+    "matplotlib": ("client.recording.plots", "client.identification.fidelity"),
+    "mcap": ("client.recording.mcapfile", "client.recording.pictures"),
     "numpy": (
         "emulator.physics",
         "emulator.learning",
@@ -104,7 +104,7 @@ THIRD_PARTY = {
     "typing_extensions": ("urproto.compat",),
     "pinocchio": ("urproto.robots.pinocchio_dynamics", "client.planning"),
     "yaml": (
-        "urproto.yamltext",
+        "urproto.structures",
         "client.calibration",
         "client.ros2.overlay",
         "client.identification.identify",
@@ -144,7 +144,7 @@ POLYSCOPE_MAY_IMPORT = (
     "urproto.robots",
     "urproto.vectors",
     "urproto.durable",
-    "urproto.yamltext",
+    "urproto.structures",
 )
 EDITOR_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.durable", "urproto.extras")
 # the parts of `urscript` that the client may import: programs are created on the client's side too
@@ -178,7 +178,7 @@ MAY_ACCESS_OUTSIDE = (
     "emulator.control.http",
     "emulator.check",
     "client",
-    "urproto.backdoors",
+    "urproto.addresses",
     "urproto.compat_asyncio",
     "urproto.durable",  # a thread, in which a control loop writes
     "urproto.robots.pinocchio_dynamics",  # a lock: any thread may read a snapshot

@@ -100,16 +100,15 @@ def completing(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]
     return complete
 
 
-def console(file: TextIO | None = None, *, stderr: bool = False) -> "Console":
-    """A console for standard output, standard error or a file.
+def console(file: TextIO | None = None) -> "Console":
+    """A console for standard output or a file.
 
     Square brackets are not markup, and lines are wrapped only in a terminal.
     """
     from rich.console import Console  # imported here because most commands only print lines
 
-    target = file or (sys.stderr if stderr else sys.stdout)
-    width = None if target.isatty() else _UNWRAPPED
-    return Console(file=file, stderr=stderr, width=width, highlight=False, markup=False, emoji=False)
+    width = None if (file or sys.stdout).isatty() else _UNWRAPPED
+    return Console(file=file, width=width, highlight=False, markup=False, emoji=False)
 
 
 def print_json(value: Any) -> None:

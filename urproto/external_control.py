@@ -19,9 +19,9 @@ fit into a word; decoding raises RemoteProtocolError.
 
 import math
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final, Generic, NoReturn, TypeVar
+from typing import Final, NoReturn, TypeVar
 
 from urproto.compat import IntEnum, Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
@@ -364,11 +364,6 @@ class ScriptCommand:
         return from_words(self.words)
 
     @classmethod
-    def plain(cls, kind: ScriptCommandKind) -> Self:
-        """A command without parameters."""
-        return cls(kind)
-
-    @classmethod
     def set_payload(cls, mass_kg: float, cog_m: Sequence[float]) -> Self:
         """Mass and centre of gravity (3,) from the flange."""
         return cls(ScriptCommandKind.SET_PAYLOAD, to_words([mass_kg, *_three("the centre of gravity", cog_m)]))
@@ -540,32 +535,7 @@ class ReplyDecoder:
         return messages
 
 
-# streams
-
-MessageT = TypeVar("MessageT")
 EnumT = TypeVar("EnumT", bound=IntEnum)
-
-
-class MessageDecoder(Generic[MessageT]):
-    """Splits a stream into messages of one size: ``MessageDecoder(ReverseMessage.SIZE, ReverseMessage.decode)``."""
-
-    def __init__(self, size: int, decode: Callable[[bytes], MessageT]) -> None:
-        self._size = size
-        self._decode = decode
-        self._buffer = bytearray()
-
-    @classmethod
-    def results(cls) -> "MessageDecoder[TrajectoryResult]":
-        """A decoder for the robot's results on the trajectory and script command interfaces."""
-        return MessageDecoder(_WORD.size, lambda data: _member(TrajectoryResult, _WORD.unpack(data)[0]))
-
-    def feed(self, data: bytes) -> list[MessageT]:
-        """Add bytes; returns the messages they complete. Raises RemoteProtocolError for an invalid message."""
-        self._buffer += data
-        whole = len(self._buffer) // self._size * self._size
-        chunks = [bytes(self._buffer[start : start + self._size]) for start in range(0, whole, self._size)]
-        del self._buffer[:whole]
-        return [self._decode(chunk) for chunk in chunks]
 
 
 def _member(kind: type[EnumT], value: int) -> EnumT:

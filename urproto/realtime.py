@@ -8,10 +8,12 @@ public clients. That digital bits are sent as 64-bit integers instead of doubles
 one client; another client reads doubles.
 """
 
+import csv
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
 from typing import Any
 
 from urproto._wire import SizedMessageDecoder
@@ -22,12 +24,6 @@ RealtimeState = dict[str, Any]
 
 _SIZE = struct.Struct(">i")
 _MAX_SIZE = 65536  # bytes; guess: ample, since the longest known packet has 1220
-_FROM_3_0 = Availability.since("3.0", "5.0")
-_FROM_3_2 = Availability.since("3.2", "5.0")
-_FROM_3_5 = Availability.since("3.5", "5.0")
-_FROM_5_1 = Availability.since(None, "5.1")
-_FROM_5_4 = Availability.since(None, "5.4")
-_FROM_5_10 = Availability.since(None, "5.10")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +33,7 @@ class Column:
     name: str | None
     count: int
     since: Availability
-    letter: str = "d"
+    letter: str
 
     @property
     def layout(self) -> str:
@@ -45,49 +41,14 @@ class Column:
         return f"{self.count}{self.letter}"
 
 
-COLUMNS = (
-    Column("timestamp", 1, _FROM_3_0),
-    Column("target_q", 6, _FROM_3_0),
-    Column("target_qd", 6, _FROM_3_0),
-    Column("target_qdd", 6, _FROM_3_0),
-    Column("target_current", 6, _FROM_3_0),
-    Column("target_moment", 6, _FROM_3_0),
-    Column("actual_q", 6, _FROM_3_0),
-    Column("actual_qd", 6, _FROM_3_0),
-    Column("actual_current", 6, _FROM_3_0),
-    Column("joint_control_output", 6, _FROM_3_0),
-    Column("actual_TCP_pose", 6, _FROM_3_0),
-    Column("actual_TCP_speed", 6, _FROM_3_0),
-    Column("actual_TCP_force", 6, _FROM_3_0),
-    Column("target_TCP_pose", 6, _FROM_3_0),
-    Column("target_TCP_speed", 6, _FROM_3_0),
-    Column("actual_digital_input_bits", 1, _FROM_3_0, "Q"),
-    Column("joint_temperatures", 6, _FROM_3_0),
-    Column("actual_execution_time", 1, _FROM_3_0),
-    Column(None, 1, _FROM_3_0),  # test value
-    Column("robot_mode", 1, _FROM_3_0),
-    Column("joint_mode", 6, _FROM_3_0),
-    Column("safety_mode", 1, _FROM_3_0),
-    Column(None, 6, _FROM_3_0),
-    Column("actual_tool_accelerometer", 3, _FROM_3_0),
-    Column(None, 6, _FROM_3_0),
-    Column("speed_scaling", 1, _FROM_3_0),
-    Column("actual_momentum", 1, _FROM_3_0),
-    Column(None, 2, _FROM_3_0),
-    Column("actual_main_voltage", 1, _FROM_3_0),
-    Column("actual_robot_voltage", 1, _FROM_3_0),
-    Column("actual_robot_current", 1, _FROM_3_0),
-    Column("actual_joint_voltage", 6, _FROM_3_0),
-    Column("actual_digital_output_bits", 1, _FROM_3_2, "Q"),
-    Column("runtime_state", 1, _FROM_3_2),
-    Column("elbow_position", 3, _FROM_3_5),
-    Column("elbow_velocity", 3, _FROM_3_5),
-    Column("safety_status", 1, _FROM_5_1),
-    Column(None, 3, _FROM_5_4),
-    Column("payload", 1, _FROM_5_10),
-    Column("payload_cog", 3, _FROM_5_10),
-    Column("payload_inertia", 6, _FROM_5_10),
-)
+def _read_columns() -> Iterator[Column]:
+    for row in csv.DictReader(files("urproto").joinpath("realtime.csv").read_text("utf-8").splitlines()):
+        since = Availability.since(row["cb3"] or None, row["e"] or None)
+        yield Column(row["name"] or None, int(row["count"]), since, row["letter"])
+
+
+COLUMNS = tuple(_read_columns())
+"""The columns of the newest packet, in their order; each is a row of ``realtime.csv``."""
 
 
 def _columns(version: PolyscopeVersion) -> tuple[Column, ...]:
@@ -120,11 +81,6 @@ def realtime_packer(version: PolyscopeVersion) -> Callable[[Any], bytes]:
     names = {"head": _SIZE.pack(packet_size(version)), "pack": _packer(columns).pack}
     pack: Callable[[Any], bytes] = eval(f"lambda s: head + pack({arguments})", names)
     return pack
-
-
-def encode_realtime(snapshot: Any, version: PolyscopeVersion) -> bytes:
-    """The complete packet, from an object with the columns' names as attributes."""
-    return realtime_packer(version)(snapshot)
 
 
 def _columns_by_size() -> dict[int, tuple[Column, ...]]:

@@ -36,18 +36,6 @@ MAX_UPLOAD: Final = 1024 * 1024 + 64 * 1024
 Method = Literal["GET", "PUT", "POST"]
 
 _UPDATING: Final = "UPDATING"
-ROBOT_MODES: Final = (
-    "NO_CONTROLLER",
-    "DISCONNECTED",
-    "CONFIRM_SAFETY",
-    "BOOTING",
-    "POWER_OFF",
-    "POWER_ON",
-    "IDLE",
-    "BACKDRIVE",
-    "RUNNING",
-    _UPDATING,
-)
 SAFETY_MODES: Final = ("NORMAL", "REDUCED", "FAULT", "PROTECTIVE_STOP", "EMERGENCY_STOP")
 
 
@@ -99,22 +87,7 @@ POST_PROGRAM: Final = Endpoint("POST", "/programs/v1/", _READING)
 PUT_PROGRAM: Final = Endpoint("PUT", "/programs/v1/", _READING)
 GET_PROGRAM: Final = Endpoint("GET", "/programs/v1/{name}", _READING)
 
-ENDPOINTS: Final = (
-    PUT_STATE,
-    GET_ROBOT_MODE,
-    GET_SAFETY_MODE,
-    GET_CONTROL_MODE,
-    GET_OPERATIONAL_MODE,
-    PUT_LOAD,
-    PUT_LOADED,
-    GET_LOADED,
-    PUT_PROGRAM_STATE,
-    GET_PROGRAM_STATE,
-    GET_PROGRAMS,
-    POST_PROGRAM,
-    PUT_PROGRAM,
-    GET_PROGRAM,
-)
+ENDPOINTS: Final = tuple(each for each in globals().values() if isinstance(each, Endpoint))
 
 
 def api_version(version: PolyscopeVersion) -> str:
@@ -141,6 +114,9 @@ def parse_safety_word(word: str) -> SafetyMode:
 def robot_word(mode: RobotMode) -> str:
     """The API's word for a robot mode."""
     return _UPDATING if mode is RobotMode.UPDATING_FIRMWARE else mode.name
+
+
+ROBOT_MODES: Final = tuple(map(robot_word, RobotMode))
 
 
 def parse_robot_word(word: str) -> RobotMode:

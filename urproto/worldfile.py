@@ -26,10 +26,9 @@ from typing import Annotated, Any, Final
 
 from msgspec import Meta, Struct
 
-from urproto.structures import converted
+from urproto.structures import InvalidYamlError, converted, load_yaml
 from urproto.text import quoted
 from urproto.vectors import Vector3
-from urproto.yamltext import InvalidYamlError, load_yaml
 
 MATERIAL: Final = ("stiffness", "damping", "friction")
 MOVING: Final = ("mass", "slide", "hinge", "conveyor", "lamp", "colour", "coupling")

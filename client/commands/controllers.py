@@ -32,7 +32,7 @@ from client.driver.config import robot_ports
 from client.driver.scheduling import real_time
 from client.errors import ControllerError, NoManagerError
 from urproto.commandline import AsJson, application, console, print_json
-from urproto.yamltext import InvalidYamlError, load_yaml
+from urproto.structures import InvalidYamlError, load_yaml
 
 
 class SetState(Enum):

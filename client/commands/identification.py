@@ -21,9 +21,8 @@ from client.commands.scene_drawing import model_named, model_of_robot
 from client.driver import points
 from client.driver.config import robot_ports
 from client.identification.excitation import ExcitationBounds, excitation
-from client.identification.fidelity import Fidelity, Payload, fidelity
+from client.identification.fidelity import Fidelity, Payload, draw, fidelity
 from client.identification.identify import Identified, identify, write_arm
-from client.identification.plots import draw
 from client.recording.files import Recorder
 from client.recording.recording import DEFAULT_FIELDS, Recording
 from client.robot import Robot

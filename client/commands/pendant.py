@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from client.commands.following import PortOffset, RobotIP
-from client.recording.extras import extra
+from client.errors import extra
 from urproto.ports import LAST_PORT, PENDANT_PORT
 from urproto.robots import MODELS
 

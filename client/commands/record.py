@@ -40,8 +40,8 @@ from urproto.durable import write_file
 from urproto.errors import RobotRefused, URError
 from urproto.ports import CAMERA_PORT
 from urproto.robots import UnknownModelError, load_model
+from urproto.robots.description import MissingMeshesError
 from urproto.robots.description import urdf as urdf_of
-from urproto.robots.meshes import MissingMeshesError
 
 if TYPE_CHECKING:
     from client.planning.markers import SceneDrawing

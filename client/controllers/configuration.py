@@ -24,7 +24,7 @@ from client.controllers import (
 )
 from client.controllers.controller import CONTROLLER_TYPES, Controller
 from client.errors import ControllerError
-from urproto.yamltext import InvalidYamlError, load_yaml
+from urproto.structures import InvalidYamlError, load_yaml
 
 _TYPES: Final = (broadcasters, compliance, forward, io_and_status, joint_trajectory, motion_primitives, passthrough)
 _MANAGER: Final = "controller_manager"

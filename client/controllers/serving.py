@@ -19,7 +19,7 @@ from client.controllers import protocol
 from client.controllers.running import RunningManager
 from client.controllers.session import Session
 from client.errors import ManagerError
-from urproto.backdoors import BackdoorMark
+from urproto.addresses import BackdoorMark
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError

@@ -62,16 +62,13 @@ class BytesStream:
         self._offset = 0
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Report the number of bytes, and the first ones."""
         yield problem(f"offset {self._offset}: {len(data)} bytes of no known protocol: {formatting.value(data)}")
         self._offset += len(data)
 
     def skip(self, size: int) -> None:
-        """Count the lost bytes."""
         self._offset += size
 
     def end(self) -> Iterator[Line]:
-        """Returns nothing: no message can be unfinished."""
         yield from ()
 
 

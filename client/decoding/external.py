@@ -108,7 +108,6 @@ class _GreetedStream:
         self._unread: bytes | None = b""  # None once it has been shown, or if there is none
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes; return lines for the messages they complete."""
         if self._unread is not None:
             data = self._unread + data
             if (greeting := split_greeting(data)) is None:
@@ -122,12 +121,10 @@ class _GreetedStream:
         yield from self._rest.feed(data)
 
     def skip(self, size: int) -> None:
-        """Note that this many bytes are missing here (0: unknown)."""
         self._unread = None
         self._rest.skip(size)
 
     def end(self) -> Iterator[Line]:
-        """Finish the stream; return lines for the unfinished rest."""
         if self._unread:
             unread, self._unread = self._unread, None
             yield from self._rest.feed(unread)

@@ -17,9 +17,8 @@ from urproto.errors import RemoteProtocolError
 from urproto.modes import mode_name
 from urproto.rtde import codec
 from urproto.rtde.codec import PackageType
-from urproto.rtde.fields import INPUT_FIELDS
+from urproto.rtde.fields import IN_USE, INPUT_FIELDS, NOT_FOUND, WIRE_TYPES
 from urproto.rtde.recipes import Recipe, type_names
-from urproto.rtde.types import IN_USE, NOT_FOUND, WIRE_TYPES
 
 _HEADER = struct.Struct(">HB")
 _MAX_RECIPES = 256  # range of a recipe's number

@@ -129,11 +129,9 @@ class _Raw:
             self._stream = codec.open().stream(choice.side, codec.usual)
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes; return lines for the messages they complete."""
         return self._stream.feed(data)
 
     def end(self) -> Iterator[Line]:
-        """Return lines for the rest."""
         return self._stream.end()
 
 
@@ -154,7 +152,6 @@ class _Hex:
             del self._text[:end]
 
     def end(self) -> Iterator[Line]:
-        """Return lines for the rest."""
         if not self._broken:
             yield from self._read(bytes(self._text))
         yield from self._raw.end()
@@ -183,7 +180,6 @@ class _GuessedStream:
         self._stream: Stream | None = None
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes; return no lines until the protocol is known."""
         if self._stream is None:
             self._head += data
             yield from self._decide(final=False)
@@ -191,14 +187,12 @@ class _GuessedStream:
             yield from self._stream.feed(data)
 
     def skip(self, size: int) -> None:
-        """Guess from the following bytes instead."""
         if self._stream is None:
             self._head.clear()
         else:
             self._stream.skip(size)
 
     def end(self) -> Iterator[Line]:
-        """Decide with the bytes so far; return lines for the rest."""
         if self._stream is None:
             yield from self._decide(final=True)
         if self._stream is not None:

@@ -85,18 +85,15 @@ class FramedStream:
         self._garbage: tuple[int, str] | None = None  # its offset, and the reason
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes; return lines for the messages they complete."""
         self._buffer += data
         yield from self._advance(final=False)
 
     def skip(self, size: int) -> None:
-        """Drop the unfinished message and look for the next one."""
         self._offset += len(self._buffer) + size
         self._buffer.clear()
         self._synchronised = False
 
     def end(self) -> Iterator[Line]:
-        """Finish the stream: look for messages in the rest, and report it."""
         yield from self._advance(final=True)
         yield from self._garbage_until(self._offset)
 
@@ -205,7 +202,6 @@ class LineStream:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes; return the lines they complete."""
         *ended, rest = data.split(b"\n")
         for part in ended:
             yield from self._append(part)
@@ -215,11 +211,9 @@ class LineStream:
             yield from self._flush()
 
     def skip(self, size: int) -> None:
-        """Mark the current line as truncated."""
         self._buffer += b"..."
 
     def end(self) -> Iterator[Line]:
-        """Return the last, unfinished line."""
         if self._buffer:
             yield from self._flush()
 

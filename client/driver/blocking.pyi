@@ -156,14 +156,7 @@ class BlockingURDriver(Blocking[URDriver]):
         damping: float = 0.025,
         gain_scaling: float = 0.5,
     ) -> None:
-        """Start force mode: be compliant along axes of a frame.
-
-        task_frame_base: the frame, as a pose in the base frame (6,) [m, rotation vector]. selection: 1 for each
-        compliant axis (6,). wrench: applied to the environment (6,) [N, Nm]. kind: 1 turns the frame's y axis towards
-        the TCP, 2 takes the frame as it is, 3 aligns its x axis with the velocity. limits (6,): maximum speeds of
-        compliant axes [m/s, rad/s], maximum deviations of the others [m, rad]. damping: 0 to 1. gain_scaling: 0 to 2,
-        e-Series only.
-        """
+        """Start force mode: be compliant along axes of a frame. Arguments are those of `AsyncRobot.force_mode`."""
     def start_freedrive(self) -> None:
         """Let a person guide the arm by hand until `stop_freedrive`, `idle` or another mode."""
     def start_program(self) -> None:
@@ -203,7 +196,10 @@ class BlockingURDriver(Blocking[URDriver]):
     def torque(self, torque_Nm: Sequence[float], timeout_s: float = 0.2) -> None:
         """Send joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer."""
     def trajectory_result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Wait for the end of the trajectory under way; a timeout of None waits as long as it takes."""
+        """Wait for the end of the trajectory under way, and for a state taken after it.
+
+        A timeout of None waits as long as it takes.
+        """
     @property
     def version(self) -> PolyscopeVersion:
         """The robot's PolyScope version."""

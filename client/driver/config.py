@@ -1,8 +1,8 @@
 """Configuration of a driver."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, get_args, get_type_hints
 
 from client import dashboard, primary, robotapi, rtde
 from client.calibration import parameters
@@ -14,7 +14,7 @@ from client.driver.script_sender import SENDER_PORT
 from client.quantities import check_fields
 from urproto import robots
 from urproto.modes import KinematicsStatus
-from urproto.primary.state import KinematicsInfo
+from urproto.primary.subpackages import KinematicsInfo
 from urproto.robots import Calibration
 
 ROBOT_PORTS: Final[Mapping[str, int]] = {
@@ -24,29 +24,9 @@ ROBOT_PORTS: Final[Mapping[str, int]] = {
     "rtde": rtde.PORT,
 }
 """The ports of a robot that a driver connects to."""
-_SETTINGS: Final[Mapping[str, Mapping[str, Callable[[str], Any]]]] = {
-    "": {
-        "own_address": str,
-        "listen_on": str,
-        "reverse_port": int,
-        "sender_port": int,
-        "trajectory_port": int,
-        "command_port": int,
-        "frequency_hz": float,
-        "keep_alive_timeout_s": float,
-        "max_age_s": float,
-        "servoj_lookahead_s": float,
-        "servoj_gain": int,
-        "tool_voltage": int,
-    },
-    "tool_communication": {
-        "baud_rate": int,
-        "parity": int,
-        "stop_bits": int,
-        "rx_idle_chars": float,
-        "tx_idle_chars": float,
-    },
-}
+_SETTINGS: Final = ("own_address", "listen_on", "reverse_port", "sender_port", "trajectory_port", "command_port",
+                    "frequency_hz", "keep_alive_timeout_s", "max_age_s", "servoj_lookahead_s", "servoj_gain",
+                    "tool_voltage")  # fmt: skip
 
 
 def robot_ports(offset: int) -> dict[str, int]:
@@ -78,17 +58,20 @@ def read_settings(texts: Iterable[str]) -> dict[str, Any]:
 
     Raises ValueError, which names the text, for an unknown name and for a value of another type.
     """
+    of_driver, of_line = get_type_hints(DriverConfig), get_type_hints(ToolCommunicationSettings)
+    types = {name: of_driver[name] for name in _SETTINGS}
+    types |= {f"tool_communication.{name}": kind for name, kind in of_line.items()}
+    kinds = {name: next(iter(get_args(kind)), kind) for name, kind in types.items()}  # without the None of an optional
     settings: dict[str, Any] = {}
     line: dict[str, Any] = {}
     for text in texts:
         name, found, value = text.partition("=")
         outer, _, inner = name.rpartition(".")
-        kinds = _SETTINGS.get(outer, {})
-        if not found or inner not in kinds:
-            names = ", ".join(f"{group}.{one}" if group else one for group, all_ in _SETTINGS.items() for one in all_)
+        if not found or name not in kinds:
+            names = ", ".join(kinds)
             raise ValueError(f"{text!r} is not a setting of the driver, such as reverse_port=50001. There are {names}")
         try:
-            (line if outer else settings)[inner] = kinds[inner](value)
+            (line if outer else settings)[inner] = kinds[name](value)
         except ValueError as error:
             raise ValueError(f"{text!r}: {error}") from None
     return {**settings, **({"tool_communication": ToolCommunicationSettings(**line)} if line else {})}

@@ -2,11 +2,14 @@
 
     text = ControlProgram(host="192.168.56.1").render(PolyscopeVersion(5, 12))
 
-The template is control_program.script, next to this file. This module fills in its placeholders: the driver's address,
-and the parts that differ between PolyScope versions. Every function that the program calls must exist in the robot's
-version, because a controller refuses a program that contains an unknown name.
+The template is control_program.script, next to this file. This module fills in its placeholders, such as the driver's
+address, and selects the parts for the robot's version: those between ``{{if FEATURE}}``, ``{{elif FEATURE}}``,
+``{{else}}`` and ``{{end}}``, with the features of `client.driver.availability`. Every function that the program calls
+must exist in the robot's version, because a controller refuses a program that contains an unknown name.
 """
 
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -31,79 +34,7 @@ message of the reverse port follows. The program continues."""
 _VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"
 _COULOMB: Final = "[0.8, 0.8, 0.7, 0.8, 0.8, 0.8]"
 
-_TORQUE: Final = """thread ec_torque():
-  while ec_mode == 8:
-    direct_torque(ec_values, {friction})
-  end
-  stopj(4.0)
-end"""
-_NO_TORQUE: Final = """thread ec_torque():
-  ec_refuse("This PolyScope version has no torque control.")
-end"""
-_OPTIMOVE: Final = """  elif kind == 4:
-    optimovej(target, a=a, v=v, r=r)
-  elif kind == 5:
-    optimovel(ec_pose(target), a=a, v=v, r=r)
-  elif kind == 12 and option > 0.5:
-    optimovej(get_inverse_kin(ec_pose(target), second), a=a, v=v, r=r)
-  elif kind == 12:
-    optimovej(ec_pose(target), a=a, v=v, r=r)
-  elif kind == 13:
-    optimovel(target, a=a, v=v, r=r)"""
-_GAIN_SCALING: Final = "force_mode_set_gain_scaling(words[28] / ec_scale)"
-_CONTACT_DETECTION: Final = """thread ec_detect():
-  while ec_detecting:
-    if tool_contact(direction=ec_direction) > 0:
-      ec_touched = True
-    end
-    sync()
-  end
-end
-
-def ec_detect_contact(words):
-  kill ec_detector
-  ec_detecting = words[1] == 104
-  if ec_detecting:
-    ec_touched = False
-    ec_direction = ec_six(words, 2)
-    ec_detector = run ec_detect()
-  end
-end"""
-_NO_CONTACT_DETECTION: Final = """def ec_detect_contact(words):
-  ec_detecting = False
-end"""
-_QUESTIONS: Final = {
-    "inverse_kin": """  elif query == 1:
-    if get_inverse_kin_has_solution(ec_pose(ec_first), near, tcp=tcp):
-      ec_answer_six(get_inverse_kin(ec_pose(ec_first), near, tcp=tcp))
-    else:
-      ec_begin_answer(0)
-    end
-  elif query == 2:
-    ec_answer_truth(get_inverse_kin_has_solution(ec_pose(ec_first), near, tcp=tcp))""",
-    "contact": """  elif query == 11:
-    ec_answer_truth(ec_touched)
-  elif query == 12:
-    ec_answer_six(get_actual_joint_positions_history(number))
-  elif query == 14:
-    ec_answer(tool_contact(direction=ec_first))""",
-    "target_waypoint": """  elif query == 13:
-    ec_answer_six(get_target_waypoint())""",
-    "freedrive_axes": """  elif query == 15:
-    ec_answer(get_freedrive_status())""",
-    "dynamics": """  elif query == 16:
-    ec_answer_matrix(get_jacobian(q, tcp))
-  elif query == 17:
-    ec_answer_matrix(get_jacobian_time_derivative(q, qd, tcp))
-  elif query == 18:
-    ec_answer_matrix(get_mass_matrix(q, number == 1))
-  elif query == 19:
-    ec_answer_six(get_coriolis_and_centrifugal_torques(q, qd))
-  elif query == 20:
-    ec_answer_six(get_target_joint_accelerations())""",
-}
-_INERTIA: Final = "set_target_payload(words[2] / ec_scale, ec_three(words, 3), ec_six(words, 6), words[12] / ec_scale)"
-_NO_INERTIA: Final = "set_payload(words[2] / ec_scale, ec_three(words, 3))"
+_CONDITION: Final = re.compile(r"\{\{(if|elif|else|end) ?(\w*)\}\}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +90,8 @@ class ControlProgram:
 
     def render(self, version: PolyscopeVersion) -> str:
         """The program in the form that the External Control URCap expects: bare statements between anchors."""
-        text = _template()
-        for place, value in self._places(version).items():
+        text = "\n".join(_parts_for(version)) + "\n"
+        for place, value in self._places().items():
             text = text.replace("{{" + place + "}}", value)
         return text
 
@@ -169,30 +100,13 @@ class ControlProgram:
         lines = "".join(f"  {line}\n" if line else "\n" for line in self.render(version).splitlines())
         return f"def {PROGRAM_NAME}():\n{lines}end\n"
 
-    def _places(self, version: PolyscopeVersion) -> dict[str, str]:
+    def _places(self) -> dict[str, str]:
         return {
             "BEGIN": self._begin(),
             "LOOKAHEAD": str(self.servoj_lookahead_s),
             "GAIN": str(self.servoj_gain),
             "ACCELERATION": str(SPEED_ACCELERATION),
             "DECELERATION": str(DECELERATION),
-            "QUESTIONS": "\n".join(lines for gate, lines in _QUESTIONS.items() if offers(gate, version)),
-            "ACTIVE_TCP": "tcp = get_tcp_offset()" if offers("tcp_offset", version) else "",
-            "CONTACT_DETECTION": _CONTACT_DETECTION if offers("contact", version) else _NO_CONTACT_DETECTION,
-            "END_DETECTION": "kill ec_detector" if offers("contact", version) else "",
-            "FREEDRIVE": (
-                "freedrive_mode(freeAxes=ec_free_axes, feature=ec_free_frame)"
-                if offers("freedrive_axes", version)
-                else "freedrive_mode()"
-            ),
-            "GAIN_SCALING_ALONE": "force_mode_set_gain_scaling(words[3] / ec_scale)"
-            if offers("force_mode_gain_scaling", version)
-            else "",
-            "TORQUE": _torque(version),
-            "OPTIMOVE": _OPTIMOVE if offers("optimove", version) else "",
-            "FT_INPUT": "ft_rtde_input_enable" if offers("ft_rtde_input", version) else "enable_external_ft_sensor",
-            "GAIN_SCALING": _GAIN_SCALING if offers("force_mode_gain_scaling", version) else "",
-            "TARGET_PAYLOAD": _INERTIA if offers("set_target_payload", version) else _NO_INERTIA,
             "GONE": self.gone_text,
             "LATE": LATE_TEXT,
             "GREET": f'socket_send_line("{GREETING.decode()}{self.token}", name)' if self.token else "",
@@ -223,7 +137,16 @@ def _template() -> str:
     return files("client.driver").joinpath("control_program.script").read_text("utf-8")
 
 
-def _torque(version: PolyscopeVersion) -> str:
-    if offers("set_friction_scales", version):
-        return _TORQUE.format(friction="viscous_scale=ec_viscous, coulomb_scale=ec_coulomb")
-    return _TORQUE.format(friction="friction_comp=ec_friction_on") if offers("torque", version) else _NO_TORQUE
+def _parts_for(version: PolyscopeVersion) -> Iterator[str]:
+    """The lines of the template for a version."""
+    selected, done = True, False  # done: a part of this condition has been selected
+    for line in _template().splitlines():
+        condition = _CONDITION.fullmatch(line)
+        if condition is None:
+            if selected:
+                yield line
+            continue
+        word, feature = condition.groups()
+        done = done and word != "if"
+        selected = word == "end" or (not done and (word == "else" or offers(feature, version)))
+        done = done or selected

@@ -5,7 +5,7 @@ async with URDriver("192.168.56.101") as driver:
     await driver.execute([points.movej(q) for q in path])
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from typing import Any
 
@@ -29,7 +29,6 @@ from urproto.external_control import (
     Query,
     ScriptCommand,
     ScriptCommandKind,
-    TrajectoryPoint,
     TrajectoryResult,
     to_words,
 )
@@ -39,7 +38,7 @@ from urproto.versions import PolyscopeVersion
 
 
 @checked
-class URDriver:
+class URDriver(Trajectories):
     """External Control driver for asyncio programs; options are those of `DriverConfig`.
 
     **Setpoints** (`servoj` to `torque`, and freedrive) may be sent from any thread. timeout_s: how long the robot waits
@@ -57,7 +56,7 @@ class URDriver:
     All other methods raise ProgramNotRunningError without the control program. Every method raises LocalProtocolError
     for invalid values, and RobotRefused for features that the robot's version does not have.
 
-    In the order of this file:
+    In the order of this file, trajectories in `Trajectories`:
 
     - state: `version`, `state`, `next_state`
     - control program: `start_program`, `stop_program`, `wait_for_program`, `program_running`, `loss_reason`
@@ -91,7 +90,7 @@ class URDriver:
         self.program = program = ProgramSupervisor(self.config, self.link)
         self.reverse, self.sender, self.keep_alive = program.reverse, program.sender, program.keep_alive
         self.trajectory, self.commands = program.trajectory, program.commands
-        self._trajectories = Trajectories(self.config, self.link, program)
+        super().__init__()
         self._open = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
@@ -239,50 +238,12 @@ class URDriver:
         """End freedrive; the arm holds its position."""
         self.reverse.freedrive(FreedriveAction.STOP, self.config.keep_alive_timeout_s)
 
-    # trajectories
-
-    async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None = None) -> TrajectoryResult:
-        """Execute a trajectory and wait for its end; it is cancelled if the caller is cancelled, or on timeout.
-
-        Returns CANCELED if it was cancelled, also by the robot itself, which shows a popup for points that it cannot
-        reach in time; FAILURE if points did not arrive in time.
-        """
-        return await self._trajectories.execute(points, timeout_s)
-
-    async def start_trajectory(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Start a trajectory; a trajectory that is under way is cancelled first."""
-        await self._trajectories.start(points)
-
-    async def trajectory_result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Wait for the end of the trajectory under way; a timeout of None waits as long as it takes."""
-        return await self._trajectories.result(timeout_s)
-
-    async def cancel_trajectory(self) -> TrajectoryResult:
-        """Stop the trajectory under way; returns SUCCESS if it ended by itself just before."""
-        return await self._trajectories.cancel()
-
-    async def start_stream(self) -> None:
-        """Start a trajectory whose points are added by `stream`, until `end_stream`.
-
-        The trajectory ends with FAILURE if the next point does not arrive within 0.5 s, or between spline points
-        within one control period. The last point must not blend.
-        """
-        await self._trajectories.start_stream()
-
-    async def stream(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Add points to the stream, as fast as the robot accepts them."""
-        await self._trajectories.stream(points)
-
-    async def end_stream(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """End the stream of points, and wait for the end of the trajectory."""
-        return await self._trajectories.end_stream(timeout_s)
-
     # commands, possible during any motion
 
     async def zero_ftsensor(self) -> None:
         """Zero the force/torque sensor (take the present wrench as zero); e-Series."""
         self.link.require("zero_ftsensor")
-        await self._command_or_script(ScriptCommand.plain(ScriptCommandKind.ZERO_FTSENSOR), "zero_ftsensor()")
+        await self._command_or_script(ScriptCommand(ScriptCommandKind.ZERO_FTSENSOR), "zero_ftsensor()")
 
     async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = ZERO3) -> None:
         """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame, within a few periods."""
@@ -328,14 +289,7 @@ class URDriver:
         damping: float = 0.025,
         gain_scaling: float = 0.5,
     ) -> None:
-        """Start force mode: be compliant along axes of a frame.
-
-        task_frame_base: the frame, as a pose in the base frame (6,) [m, rotation vector]. selection: 1 for each
-        compliant axis (6,). wrench: applied to the environment (6,) [N, Nm]. kind: 1 turns the frame's y axis towards
-        the TCP, 2 takes the frame as it is, 3 aligns its x axis with the velocity. limits (6,): maximum speeds of
-        compliant axes [m/s, rad/s], maximum deviations of the others [m, rad]. damping: 0 to 1. gain_scaling: 0 to 2,
-        e-Series only.
-        """
+        """Start force mode: be compliant along axes of a frame. Arguments are those of `AsyncRobot.force_mode`."""
         command = ScriptCommand.start_force_mode(
             task_frame_base, selection, wrench, kind, limits, damping=damping, gain_scaling=gain_scaling
         )
@@ -343,7 +297,7 @@ class URDriver:
 
     def end_force_mode(self) -> None:
         """End force mode; the arm holds its pose again."""
-        self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE))
+        self.commands.send(ScriptCommand(ScriptCommandKind.END_FORCE_MODE))
 
     def start_tool_contact(self, direction_base: Sequence[float] = ZERO6) -> None:
         """Stop the motion when the tool touches something, and return to where the contact began; e-Series.
@@ -359,7 +313,7 @@ class URDriver:
     def end_tool_contact(self) -> None:
         """Stop watching for contact; the result is CANCELED if there was none."""
         self.link.require("end_tool_contact")
-        self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_TOOL_CONTACT))
+        self.commands.send(ScriptCommand(ScriptCommandKind.END_TOOL_CONTACT))
 
     async def tool_contact_result(self, timeout_s: float | None = None) -> TrajectoryResult:
         """Wait for the result: SUCCESS once the arm is back where the contact began, CANCELED without a contact."""
@@ -416,7 +370,7 @@ class URDriver:
     def stop_contact_detection(self) -> None:
         """Stop recording contacts; the result can still be queried."""
         self.link.require("contact")
-        self.commands.send(ScriptCommand.plain(ScriptCommandKind.STOP_CONTACT_DETECTION))
+        self.commands.send(ScriptCommand(ScriptCommandKind.STOP_CONTACT_DETECTION))
 
     def ft_rtde_input_enable(
         self,

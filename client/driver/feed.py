@@ -19,8 +19,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-from client.driver.scheduling import RealTime, real_time_thread
-from client.driver.standstill import Standstill
+from client.driver.scheduling import RealTime, Standstill, real_time_thread
 from client.errors import ClientError, NoAnswerError, StaleStateError
 from client.rtde import BlockingRTDEClient, ReceivedState
 from urproto.errors import RemoteProtocolError, URError

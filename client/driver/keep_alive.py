@@ -6,8 +6,7 @@ import time
 from typing import Final
 
 from client.driver.reverse import ReverseEndpoint
-from client.driver.scheduling import RealTime, real_time_thread
-from client.driver.standstill import Standstill
+from client.driver.scheduling import RealTime, Standstill, real_time_thread
 from urproto.errors import LocalProtocolError
 
 _CHECK_S: Final = 0.02  # guess: interval of the check for missing setpoints

@@ -29,7 +29,8 @@ from urproto.compat_asyncio import timeout
 from urproto.errors import RemoteProtocolError, RobotRefused
 from urproto.modes import RobotMode, SafetyMode, mode_of
 from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RuntimeExceptionMessage, TextMessage
-from urproto.primary.state import ConfigurationData, KinematicsInfo, RobotStateData
+from urproto.primary.state import RobotStateData
+from urproto.primary.subpackages import ConfigurationData, KinematicsInfo
 from urproto.versions import PolyscopeVersion
 
 _REQUIRED_OUTPUTS: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")

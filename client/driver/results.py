@@ -11,7 +11,6 @@ from urproto.compat_asyncio import timeout
 from urproto.errors import RemoteProtocolError
 from urproto.external_control import (
     Answer,
-    MessageDecoder,
     Query,
     ReplyDecoder,
     ScriptCommand,
@@ -34,7 +33,7 @@ class ResultEndpoint(Endpoint):
 
     def __init__(self, port: int, host: str = "") -> None:
         super().__init__(port, host)
-        self._decoder = MessageDecoder.results()
+        self._decoder = ReplyDecoder()
         self._results: asyncio.Queue[TrajectoryResult | None] = asyncio.Queue()
 
     async def result(self, timeout_s: float | None = None) -> TrajectoryResult:
@@ -60,14 +59,19 @@ class ResultEndpoint(Endpoint):
 
     def data_received(self, data: bytes) -> None:
         try:
-            for result in self._decoder.feed(data):
-                self._results.put_nowait(result)
+            for reply in self._decoder.feed(data):
+                self._take(reply)
         except RemoteProtocolError as error:
             _logger.error("port %d: %s; the connection is closed", self.port, error)
             self.peer.abort()
 
+    def _take(self, reply: TrajectoryResult | Answer) -> None:
+        if isinstance(reply, Answer):
+            raise RemoteProtocolError("an answer, although nothing was queried")
+        self._results.put_nowait(reply)
+
     def _on_connected(self, peer: Peer) -> None:
-        self._decoder = MessageDecoder.results()
+        self._decoder = ReplyDecoder()
         self.clear_results()
         super()._on_connected(peer)
 
@@ -134,7 +138,6 @@ class ScriptCommandEndpoint(ResultEndpoint):
 
     def __init__(self, port: int = COMMAND_PORT, host: str = "") -> None:
         super().__init__(port, host)
-        self._replies = ReplyDecoder()
         self._answers: asyncio.Queue[Answer | None] = asyncio.Queue()
         self._query_lock = asyncio.Lock()
 
@@ -163,20 +166,11 @@ class ScriptCommandEndpoint(ResultEndpoint):
             raise ProgramEndedError(self.port, f"the query {query.name}")
         return answer.values
 
-    def data_received(self, data: bytes) -> None:
-        try:
-            for reply in self._replies.feed(data):
-                if isinstance(reply, Answer):
-                    self._answers.put_nowait(reply)
-                else:
-                    self._results.put_nowait(reply)
-        except RemoteProtocolError as error:
-            _logger.error("port %d: %s; the connection is closed", self.port, error)
-            self.peer.abort()
-
-    def _on_connected(self, peer: Peer) -> None:
-        self._replies = ReplyDecoder()
-        super()._on_connected(peer)
+    def _take(self, reply: TrajectoryResult | Answer) -> None:
+        if isinstance(reply, Answer):
+            self._answers.put_nowait(reply)
+        else:
+            super()._take(reply)
 
     def _on_disconnected(self, peer: Peer) -> None:
         self._answers.put_nowait(None)  # wakes waiting callers

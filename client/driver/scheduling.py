@@ -1,9 +1,10 @@
-"""Real-time priority for the threads that feed a robot, if this machine allows it."""
+"""Real-time priority for the threads that feed a robot, and notice of the times in which this process stood still."""
 
 import logging
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final, Literal
@@ -17,6 +18,10 @@ _PRIORITY: Final = 20  # guess: above anything that is not real time, below a dr
 _HINT: Final = "allow it (ulimit -r 99, or the capability CAP_SYS_NICE), or use realtime='auto'"
 
 _logger = logging.getLogger(__name__)
+
+_SHORTEST_S: Final = 0.2  # guess: a shorter pause has no consequences, as a robot waits this long for a setpoint
+_REMEMBERED_S: Final = 10.0  # guess: the consequences are reported within this
+_CLOCK: Final = getattr(time, "CLOCK_BOOTTIME", None)  # also runs while the machine is asleep
 
 
 def real_time_thread(how: RealTime) -> bool:
@@ -58,3 +63,38 @@ def real_time(how: RealTime) -> Iterator[bool]:
     finally:
         if granted:
             os.sched_setscheduler(0, *before)
+
+
+class Standstill:
+    """The last time in which this process did nothing.
+
+    A thread calls `beat` every few hundredths of a second; a longer time between two calls is a standstill.
+    """
+
+    def __init__(self) -> None:
+        self._beat_s: float | None = None
+        self._lasted_s = 0.0
+        self._ended_s = 0.0
+        self._lock = threading.Lock()
+
+    def beat(self) -> None:
+        """Note that the process is running."""
+        with self._lock:
+            now_s = _now_s()
+            if self._beat_s is not None and now_s - self._beat_s > _SHORTEST_S:
+                self._lasted_s, self._ended_s = now_s - self._beat_s, now_s
+            self._beat_s = now_s
+
+    def describe(self) -> str:
+        """Say how long this process stood still, if that was recently; otherwise ""."""
+        if self._beat_s is not None:
+            self.beat()  # the thread may not have had its turn since
+        if not self._lasted_s or _now_s() - self._ended_s > _REMEMBERED_S:
+            return ""
+        return f"this program stood still for {self._lasted_s:.1f} s, stopped or without CPU time"
+
+
+def _now_s() -> float:
+    if sys.platform == "win32" or _CLOCK is None:
+        return time.monotonic()
+    return time.clock_gettime(_CLOCK)

@@ -2,13 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from client.errors import RecordingError
+from client.errors import RecordingError, extra
 from client.identification.samples import Array, Samples, friction_features, known_features, samples_of
+from client.recording.plots import save_figure
 from client.recording.recording import Recording
 from urproto.joints import JOINT_LABELS
 from urproto.robots import MODELS, RobotModel, load_model
@@ -20,6 +22,13 @@ UNITS: Final = {"target_moment": "Nm", "target_current": "A", "actual_current": 
 _WRONG_SHARE: Final = 0.05  # of the range of the target moments: a larger error means another model or payload
 _WRONG_NM: Final = 1.0
 _CHECKED_STATES: Final = 400  # enough to recognise the model
+
+_FORMATS: Final = (".png", ".svg", ".pdf")
+_SIZE_IN: Final = (10.0, 12.0)
+_DPI: Final = 110
+_MAX_POINTS: Final = 4000  # of a line; more would not be visible
+_RECORDED: Final[Any] = {"linewidth": 0.7, "color": "#56b4e9", "label": "recorded"}
+_PREDICTED: Final[Any] = {"linewidth": 0.9, "color": "#d55e00", "label": "predicted"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,3 +175,32 @@ def _errors(samples: Samples, predicted: dict[str, Array]) -> Iterator[Error]:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt((values**2).mean()))
+
+
+def draw(result: Fidelity, path: Path, title: str) -> None:
+    """Plot a column for each field and a row for each joint. path: .png, .svg or .pdf. Raises RecordingError."""
+    if path.suffix.lower() not in _FORMATS:
+        raise RecordingError(f"{path} is not a format of plots: choose one of {', '.join(_FORMATS)}")
+    with extra("plots", "drawing"):
+        from matplotlib.figure import Figure
+    samples, names = result.samples, tuple(result.predicted)
+    rows = samples.rows(_MAX_POINTS)
+    time_s = samples.time_s[rows] - samples.time_s[0]
+    figure = Figure(figsize=_SIZE_IN)
+    every = figure.subplots(len(JOINT_LABELS), len(names), sharex=True, squeeze=False)
+    for column, name in enumerate(names):
+        recorded, predicted = samples.raw[name][rows], result.predicted[name][rows]
+        every[0, column].set_title(f"{name} [{UNITS[name]}]", fontsize=9)
+        for joint, axes in enumerate(every[:, column]):
+            axes.plot(time_s, recorded[:, joint], **_RECORDED)
+            axes.plot(time_s, predicted[:, joint], **_PREDICTED)
+            axes.tick_params(labelsize=7)
+            axes.margins(x=0.0)
+            if not column:
+                axes.set_ylabel(JOINT_LABELS[joint], fontsize=8)
+    for axes in np.ravel(every[-1]):
+        axes.set_xlabel("time [s]", fontsize=8)
+    every[0, 0].legend(fontsize=7)
+    figure.subplots_adjust(left=0.08, right=0.98, bottom=0.05, top=0.93, wspace=0.2, hspace=0.12)
+    figure.suptitle(title.replace("$", r"\$"), fontsize=10)
+    save_figure(figure, path, _DPI)

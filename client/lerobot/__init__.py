@@ -5,7 +5,6 @@
 """
 
 from client.lerobot.dataset import Dataset, write_dataset, write_episodes
-from client.lerobot.episodes import Episode
-from client.lerobot.features import DEFAULT_ACTION, DEFAULT_STATE, Numbers
+from client.lerobot.episodes import DEFAULT_ACTION, DEFAULT_STATE, Episode, Numbers
 
 __all__ = ["DEFAULT_ACTION", "DEFAULT_STATE", "Dataset", "Episode", "Numbers", "write_dataset", "write_episodes"]

@@ -20,14 +20,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from client.errors import RecordingError
+from client.errors import RecordingError, extra
 from client.lerobot import stats
-from client.lerobot.episodes import Episode, episode, usual_rate_hz
-from client.lerobot.features import DEFAULT_ACTION, DEFAULT_STATE, Numbers
+from client.lerobot.episodes import DEFAULT_ACTION, DEFAULT_STATE, Episode, Numbers, episode, usual_rate_hz
 from client.recording import read
-from client.recording.extras import extra
 from client.recording.files import remarks
-from client.recording.recorded_pictures import RecordedPictures, read_pictures
+from client.recording.pictures import RecordedPictures, read_pictures
 from urproto.durable import new_folder, write_file
 
 if TYPE_CHECKING:

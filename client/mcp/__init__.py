@@ -1,4 +1,4 @@
-"""An MCP server: what an assistant may see and do of a robot. `tools` has the tools, `consent` the addresses.
+"""An MCP server: what an assistant may see and do of a robot.
 
 Model Context Protocol: https://modelcontextprotocol.io, by the official SDK.
 """
@@ -10,8 +10,6 @@ from client.errors import MissingExtraError
 if find_spec("mcp") is None:
     raise MissingExtraError("the MCP server", "mcp")
 
-from client.mcp.consent import Consent
-from client.mcp.server import make_server
-from client.mcp.tools import Tools
+from client.mcp.tools import Consent, Tools, make_server
 
 __all__ = ["Consent", "Tools", "make_server"]

@@ -1,24 +1,32 @@
-"""The tools: functions whose docstrings an assistant reads. Units are in the names of arguments and results."""
+"""The tools, functions whose docstrings an assistant reads, and the server that has them; errors are one line.
+
+Units are in the names of arguments and results.
+"""
 
 import asyncio
+import inspect
 import json
 import subprocess
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import closing
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from mcp.server.mcpserver import Image
+from mcp.server.mcpserver import Image, MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+from mcp.types import ToolAnnotations
 
 from client import dashboard, primary, rtde
 from client.cameras import CameraClient
 from client.dashboard_commands import checked_command
 from client.driver.config import robot_ports
 from client.errors import ClientError
-from client.mcp.consent import Consent
 from client.programs import controller, script_problems
 from client.robot import AsyncRobot
 from client.scripts import is_secondary
+from urproto.addresses import is_loopback
 from urproto.compat import module_command
 from urproto.compat_asyncio import timeout
 from urproto.controlapi import ControlClient, NoAccessError
@@ -54,6 +62,12 @@ READING: Final[list[Callable[..., Awaitable[Any]]]] = []
 CHANGING: Final[list[Callable[..., Awaitable[Any]]]] = []
 """Tools that exist only with consent to motion."""
 
+_INSTRUCTIONS = """Tools for Universal Robots arms. Each answer says in answered_by whether an emulator or a real arm
+spoke; a real arm can hurt people. Try programs with check_program and try_program before they are sent to a robot.
+Angles are in rad, lengths in m. {}"""
+_READ_ONLY = "Nothing moves: the person who started this server did not pass --allow-motion."
+_MOTION = "The person who started this server allowed motion."
+
 
 def _reading(tool: _Tool) -> _Tool:
     READING.append(tool)
@@ -63,6 +77,23 @@ def _reading(tool: _Tool) -> _Tool:
 def _changing(tool: _Tool) -> _Tool:
     CHANGING.append(tool)
     return tool
+
+
+@dataclass(frozen=True)
+class Consent:
+    """addresses: robots beyond this machine. motion: whether tools may move arms and change robots."""
+
+    addresses: frozenset[str] = frozenset()
+    motion: bool = False
+
+    def check(self, address: str) -> None:
+        """Raise ClientError for the address of a robot to which the person did not agree."""
+        if not is_loopback(address) and address not in self.addresses:
+            known = ", ".join(sorted(self.addresses)) or "none"
+            raise ClientError(
+                f"{address!r} is not on this machine, and the person who started this server did not agree to it "
+                f"(agreed: {known}): ask them to add --allow {address}"
+            )
 
 
 class Tools:
@@ -274,3 +305,31 @@ async def _run(*command: str, program: str = "") -> dict[str, Any]:
         return {"succeeded": ended.returncode == 0, "output": shown}
 
     return await asyncio.to_thread(run)
+
+
+def make_server(tools: Tools, consent: Consent, version: str) -> MCPServer[None]:
+    """A server with the tools that the consent covers."""
+    server: MCPServer[None] = MCPServer(
+        "ur-client",
+        title="Universal Robots",
+        instructions=_INSTRUCTIONS.format(_MOTION if consent.motion else _READ_ONLY),
+        version=version,
+        log_level="WARNING",
+    )
+    for tool in (*READING, *(CHANGING if consent.motion else ())):
+        moves = tool in CHANGING
+        hints = ToolAnnotations(read_only_hint=not moves, destructive_hint=moves, open_world_hint=False)
+        server.add_tool(_in_words(getattr(tools, tool.__name__)), annotations=hints)
+    return server
+
+
+def _in_words(tool: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitable[Any]]:
+    @wraps(tool)
+    async def call(*values: Any, **named: Any) -> Any:
+        try:
+            return await tool(*values, **named)
+        except (URError, OSError, ValueError, TimeoutError) as error:
+            raise ToolError(str(error) or type(error).__name__) from error
+
+    call.__signature__ = inspect.signature(tool)  # type: ignore[attr-defined]
+    return call

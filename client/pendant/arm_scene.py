@@ -23,14 +23,13 @@ from nicegui.elements.scene.scene_object3d import Object3D
 from client.calibration import parameters
 from client.pendant.page import Page
 from client.pendant.station import Station
-from urproto.primary.state import KinematicsInfo
+from urproto.primary.subpackages import KinematicsInfo
 from urproto.robots import CalibrationError
-from urproto.robots.arm_shapes import Part, link_parts
 from urproto.robots.calibration import Chain, chain_of
-from urproto.robots.description import joint_frames
-from urproto.robots.meshes import MissingMeshesError, PlacedMesh, mesh_file, placed_meshes
+from urproto.robots.description import MissingMeshesError, PlacedMesh, joint_frames, mesh_file, placed_meshes
 from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
+from urproto.robots.shapes import Part, link_parts
 from urproto.vectors import ZERO6, Matrix3, Vector3
 
 _VISUAL: Final = (".glb", ".gltf", ".stl")  # formats that browsers can display, unlike ur_description's .dae

@@ -11,8 +11,7 @@ from typing import Any, Final
 from client.pendant.feeds import Feed, Feeds
 from client.recording.tables import CsvWriter
 from urproto.joints import JOINT_TITLES
-from urproto.rtde.fields import OUTPUT_FIELDS, Field, available_fields
-from urproto.rtde.types import FieldType
+from urproto.rtde.fields import OUTPUT_FIELDS, Field, FieldType, available_fields
 from urproto.signals import DIGITAL_GROUPS
 from urproto.versions import PolyscopeVersion
 

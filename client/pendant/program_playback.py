@@ -14,7 +14,7 @@ from urproto.errors import URError
 from urproto.modes import RuntimeState
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.installation_file import InstallationFile, read_installation
-from urscript.polyscope.naming import identifier
+from urscript.polyscope.numbers import identifier
 from urscript.polyscope.program import script_steps
 from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end

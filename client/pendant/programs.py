@@ -19,7 +19,7 @@ from urproto.primary.messages import (
     ProgramThread,
     ProgramThreadsMessage,
 )
-from urscript.polyscope.outline import OutlineNode
+from urscript.polyscope.program import OutlineNode
 
 Answer = TypeVar("Answer")
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from client.calibration import require_model
 from client.errors import MissingExtraError, SceneError
 from urproto.errors import URError
-from urproto.primary.state import ConfigurationData, KinematicsInfo
+from urproto.primary.subpackages import ConfigurationData, KinematicsInfo
 from urproto.robots.pose import pose_trans
 from urproto.vectors import ZERO6
 

@@ -23,7 +23,7 @@ from client.pendant.station import Station
 from client.pendant.traces import POLICY, opened_files
 from client.pendant.traces import ROUTE as TRACES
 from client.pendant.web_security import BROWSERS, Gate, InvalidMessages, guard_events, shorten_library_logs
-from urproto.backdoors import BackdoorMark
+from urproto.addresses import BackdoorMark
 from urproto.trace import STATIC
 
 _STATIC: Final = Path(__file__).with_name("static")

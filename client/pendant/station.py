@@ -10,9 +10,8 @@ from typing import Any, Final, TypeVar
 
 from client import dashboard, primary, robotapi, rtde
 from client.calibration import model_of
-from client.dashboard import DashboardClient
+from client.dashboard import NOT_ON_POLYSCOPE_X, DashboardClient
 from client.dashboard_commands import Operation
-from client.dashboard_on_x import NOT_ON_POLYSCOPE_X
 from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.cameras import CameraLink
 from client.pendant.dialogues import Dialogues, Stops
@@ -38,7 +37,8 @@ from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.ports import CAMERA_PORT, CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.messages import ErrorCodeMessage
-from urproto.primary.state import ConfigurationData, RobotStateData
+from urproto.primary.state import RobotStateData
+from urproto.primary.subpackages import ConfigurationData
 from urproto.robots import RobotModel
 from urproto.text import readable_in
 from urproto.versions import PolyscopeVersion, Series

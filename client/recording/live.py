@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
 from client.cameras import Shot
-from client.errors import RecordingError
+from client.errors import RecordingError, extra
 from client.recording.cdr import Message, MessageType
 from client.recording.definitions import message
-from client.recording.extras import extra
 from client.recording.pictures import Pictures
 from client.recording.topics import Topics, markers_message
 

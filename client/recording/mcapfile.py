@@ -6,10 +6,9 @@ from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
-from client.errors import RecordingError
+from client.errors import RecordingError, extra
 from client.recording.cdr import Message, MessageType
 from client.recording.definitions import ros_name
-from client.recording.extras import extra
 from client.recording.output import FLUSH_S, OutputFile
 from client.recording.recording import ROBOT, Columns, Info, Recording
 from client.recording.topics import RTDE_TOPIC, Topics

@@ -18,7 +18,7 @@ from client.recording.recording import Recording
 from client.robot.reach import Reach
 from urproto.external_control import TrajectoryPoint
 from urproto.joints import JOINT_LABELS
-from urproto.primary.state import ConfigurationData
+from urproto.primary.subpackages import ConfigurationData
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from client.errors import RecordingError
-from client.recording.extras import extra
+from client.errors import RecordingError, extra
 from client.recording.recording import Recording
 from client.recording.tracking import Tracking
 from urproto.durable import write_file

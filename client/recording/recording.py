@@ -11,36 +11,15 @@ from client.errors import RecordingError
 from client.recording.timestamps import JUMP_S
 from client.recording.tracking import Tracking
 from urproto.joints import JOINT_NAMES
-from urproto.rtde.fields import OUTPUT_FIELDS
-from urproto.rtde.types import FieldType
+from urproto.rtde.fields import OUTPUT_FIELDS, FieldType
 
 DEFAULT_FIELDS: Final = (
-    "timestamp",
-    "target_q",
-    "target_qd",
-    "target_qdd",
-    "actual_q",
-    "actual_qd",
-    "actual_current",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "actual_TCP_force",
-    "target_TCP_pose",
-    "speed_scaling",
-    "target_speed_fraction",
-    "robot_mode",
-    "safety_mode",
-    "runtime_state",
-    "robot_status_bits",
-    "safety_status_bits",
-    "actual_digital_input_bits",
-    "actual_digital_output_bits",
-    "analog_io_types",
-    "standard_analog_input0",
-    "standard_analog_input1",
-    "standard_analog_output0",
-    "standard_analog_output1",
-)
+    "timestamp", "target_q", "target_qd", "target_qdd", "actual_q", "actual_qd", "actual_current",
+    "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "target_TCP_pose", "speed_scaling",
+    "target_speed_fraction", "robot_mode", "safety_mode", "runtime_state", "robot_status_bits",
+    "safety_status_bits", "actual_digital_input_bits", "actual_digital_output_bits", "analog_io_types",
+    "standard_analog_input0", "standard_analog_input1", "standard_analog_output0", "standard_analog_output1"
+)  # fmt: skip
 """The variables recorded by default; every version since 3.3 has them."""
 
 ROBOT: Final = "robot"

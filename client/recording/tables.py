@@ -14,8 +14,7 @@ from client.recording.output import OutputFile
 from client.recording.recording import Columns, Info, Recording
 from client.rtde import unknown_fields
 from urproto.durable import replacing
-from urproto.rtde.fields import OUTPUT_FIELDS
-from urproto.rtde.types import FieldType
+from urproto.rtde.fields import OUTPUT_FIELDS, FieldType
 from urproto.text import json_document
 
 _UNFINISHED: Final = b"ur-client recording, not finished\n"  # start of the file while an NpzWriter is open

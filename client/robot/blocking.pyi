@@ -7,12 +7,12 @@ from client.driver.blocking import BlockingURDriver
 from client.driver.reverse import StreamStatistics
 from client.planning import CartesianPath, Goal, MotionSequenceItem, Plan, PlanningScene
 from client.robot.contact import Contact, Force
-from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics, Matrix, Numbers
 from client.robot.moves import MotionProgress
 from client.robot.planned import PlannedMotion
 from client.robot.programs import Answer, Dashboard, RobotPrograms
 from client.robot.robot import AsyncRobot
+from client.robot.settings import IO
 from client.robot.state import RobotState
 from client.robot.streaming import BlockingFollow, Follow
 from client.robot.waypoints import WaypointFollower

@@ -83,7 +83,7 @@ class Diagnosis:
     async def fresh_state(self, operation: str) -> RobotState:
         """The newest state that is young enough. Raises RobotUnreachableError, and StaleStateError."""
         try:
-            return RobotState.of(await self.driver.link.fresh_state())
+            return RobotState(await self.driver.link.fresh_state())
         except NoAnswerError:
             raise self.unreachable(operation) from None
 

@@ -1,4 +1,4 @@
-"""Kinematics and dynamics as the controller itself computes them, during any motion.
+"""Kinematics, dynamics and other values as the controller itself knows them, during any motion.
 
 The queries are answered by the control program, which the first of them starts, as the first motion does. Joint angles
 are (6,) [rad], poses base to TCP (6,) [m, rotation vector]; arguments that are left out default to the robot's present
@@ -115,3 +115,30 @@ class Dynamics:
 
 def _matrix(values: Numbers) -> Matrix:
     return tuple(cast(Joints, tuple(values[start : start + _SIX])) for start in range(0, len(values), _SIX))
+
+
+class Queries:
+    """The queries of `AsyncRobot`; those about kinematics and dynamics have their own components."""
+
+    def __init__(self, readiness: Readiness) -> None:
+        self._query = readiness.query
+
+    async def tcp_offset(self) -> Pose:
+        """The active TCP as a pose in the flange frame (6,) [m, rotation vector]; PolyScope 3.6 or newer."""
+        return cast(Pose, await self._query("tcp_offset", Query.TCP_OFFSET, gate="tcp_offset"))
+
+    async def history(self, steps: int) -> Joints:
+        """Joint angles (6,) [rad] as measured ``steps`` control periods ago; PolyScope 5.4 or newer."""
+        return cast(Joints, await self._query("history", Query.JOINT_POSITIONS_HISTORY, number=steps, gate="contact"))
+
+    async def is_steady(self) -> bool:
+        """Whether the arm has been at rest for a while, and is in neither force mode nor freedrive."""
+        return bool((await self._query("is_steady", Query.STEADY))[0])
+
+    async def step_time(self) -> float:
+        """The control period [s]."""
+        return (await self._query("step_time", Query.STEP_TIME))[0]
+
+    async def target_waypoint(self) -> Pose:
+        """Target TCP pose (6,) [m, rotation vector] of the move under way; PolyScope 5.3 or newer."""
+        return cast(Pose, await self._query("target_waypoint", Query.TARGET_WAYPOINT, gate="target_waypoint"))

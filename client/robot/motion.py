@@ -54,7 +54,7 @@ class MotionRunner:
     @property
     def state(self) -> RobotState:
         """The newest state, whatever its age."""
-        return RobotState.of(self.driver.state)
+        return RobotState(self.driver.state)
 
     async def close(self) -> BaseException | None:
         """End the motion under way. Returns the failure of one that had already ended, if not yet reported."""

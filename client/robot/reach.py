@@ -9,7 +9,7 @@ from client.driver.link import RobotLink
 from client.errors import OutOfReachError
 from urproto.external_control import MotionType, TrajectoryPoint
 from urproto.joints import JOINT_LABELS
-from urproto.primary.state import ConfigurationData, KinematicsInfo
+from urproto.primary.subpackages import ConfigurationData, KinematicsInfo
 from urproto.robots import Kinematics
 from urproto.robots.pose import Pose, pose_inv, pose_trans
 

@@ -7,18 +7,15 @@ from client.blocking import thread_safe
 from client.calibration import geometry_of
 from client.driver import URDriver
 from client.quantities import Checked, checked, checked_call
-from client.robot.compliance import Compliance
-from client.robot.contact import Contact, Force
+from client.robot.contact import Compliance, Contact, Force
 from client.robot.diagnosis import Diagnosis
-from client.robot.io import IO
-from client.robot.kinematics import Dynamics, Kinematics
+from client.robot.kinematics import Dynamics, Kinematics, Queries
 from client.robot.motion import MotionRunner
 from client.robot.moves import Moves
 from client.robot.planned import PlannedMotion
 from client.robot.programs import Dashboard, RobotPrograms
-from client.robot.queries import Queries
 from client.robot.readiness import Readiness
-from client.robot.settings import Settings
+from client.robot.settings import IO, Settings
 from client.robot.state import MORE_OUTPUTS, OUTPUTS, RobotState
 from client.robot.streaming import Streams
 from client.robot.waypoints import Waypoints
@@ -156,11 +153,11 @@ class AsyncRobot:
     @property
     def state(self) -> RobotState:
         """The newest state, whatever its age (``state.age_s``)."""
-        return RobotState.of(self.driver.state)
+        return RobotState(self.driver.state)
 
     @property
     def _fresh(self) -> RobotState:
-        return RobotState.of(self.driver.link.feed.fresh())
+        return RobotState(self.driver.link.feed.fresh())
 
     @property
     def q(self) -> Joints:

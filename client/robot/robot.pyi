@@ -5,11 +5,11 @@ from client.driver.driver import URDriver
 from client.driver.reverse import StreamStatistics
 from client.planning import Goal, PlanningScene
 from client.robot.contact import Contact, Force
-from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics
 from client.robot.moves import MotionProgress
 from client.robot.planned import PlannedMotion
 from client.robot.programs import Dashboard, RobotPrograms
+from client.robot.settings import IO
 from client.robot.state import RobotState
 from client.robot.streaming import Follow
 from client.robot.waypoints import WaypointFollower

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Final, cast
 
 from client.rtde import ReceivedState
-from urproto.compat import Self
 from urproto.errors import LocalProtocolError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 from urproto.robots import Joints
@@ -14,45 +13,17 @@ from urproto.robots.pose import Pose
 from urproto.signals import digital_signal
 
 OUTPUTS: Final = (
-    "actual_q",
-    "actual_qd",
-    "target_qd",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "actual_TCP_force",
-    "actual_digital_input_bits",
-    "actual_digital_output_bits",
-)
+    "actual_q", "actual_qd", "target_qd", "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force",
+    "actual_digital_input_bits", "actual_digital_output_bits"
+)  # fmt: skip
 MORE_OUTPUTS: Final = (
-    "target_q",
-    "target_qdd",
-    "target_current",
-    "target_moment",
-    "actual_current",
-    "joint_control_output",
-    "target_TCP_pose",
-    "target_TCP_speed",
-    "joint_temperatures",
-    "actual_execution_time",
-    "joint_mode",
-    "actual_tool_accelerometer",
-    "speed_scaling",
-    "actual_momentum",
-    "actual_main_voltage",
-    "actual_robot_voltage",
-    "actual_robot_current",
-    "actual_joint_voltage",
-    "standard_analog_input0",
-    "standard_analog_input1",
-    "standard_analog_output0",
-    "standard_analog_output1",
-    "robot_status_bits",
-    "safety_status_bits",
-    "ft_raw_wrench",
-    "payload",
-    "payload_cog",
-    "payload_inertia",
-)
+    "target_q", "target_qdd", "target_current", "target_moment", "actual_current", "joint_control_output",
+    "target_TCP_pose", "target_TCP_speed", "joint_temperatures", "actual_execution_time", "joint_mode",
+    "actual_tool_accelerometer", "speed_scaling", "actual_momentum", "actual_main_voltage", "actual_robot_voltage",
+    "actual_robot_current", "actual_joint_voltage", "standard_analog_input0", "standard_analog_input1",
+    "standard_analog_output0", "standard_analog_output1", "robot_status_bits", "safety_status_bits",
+    "ft_raw_wrench", "payload", "payload_cog", "payload_inertia"
+)  # fmt: skip
 """Further variables that ur_rtde receives by default; those that a version lacks are missing in `RobotState.values`."""
 _AT_REST_RAD_S: Final = 1e-4  # guess: far below any motion, above rounding
 
@@ -61,15 +32,11 @@ _AT_REST_RAD_S: Final = 1e-4  # guess: far below any motion, above rounding
 class RobotState:
     """State of the robot in one control period.
 
-    values: all received RTDE variables, by name; the properties are computed from them on access.
+    values: all received RTDE variables, by name: `OUTPUTS`, and those that a driver needs. The properties are computed
+    from them on access.
     """
 
     values: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, values: Mapping[str, Any]) -> Self:
-        """Create it from the RTDE variables: `OUTPUTS`, and those that a driver needs."""
-        return cls(values)
 
     @property
     def age_s(self) -> float:

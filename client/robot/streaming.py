@@ -65,7 +65,7 @@ class Follow:
         except ClientError:
             raise self._motion.diagnosis.unreachable(self._operation) from None
         self._seen = self._feed.count
-        return RobotState.of(self._feed.fresh())
+        return RobotState(self._feed.fresh())
 
     def _send_setpoint(self, setpoint: Sequence[float]) -> bool:
         """Send a setpoint; False if the stream has ended for a cause that the caller has to find out."""

@@ -1,11 +1,11 @@
 """Network traffic of a robot: record, replay and compare it.
 
 - ports: the ports of a controller, and those of a driver
-- proxy, relay: relay the connections of all ports
+- proxy: relay the connections of all ports
 - recording: write connections to a pcapng file, and read those of a capture file
 - tracks, rtde_log: the states in a recording
-- players, dialogues, rtde_player, replay: a recording as a robot
-- trajectories, alignment, messages, compare, report: compare two recordings
+- players, rtde_player, replay: a recording as a robot
+- trajectories, alignment, compare, report: compare two recordings
 
     from client.traffic.proxy import record
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 from xmlrpc.client import Fault, loads
 
 from client.decoding.packets import SocketAddress
-from client.traffic.dialogues import cut_lines
+from client.traffic.players import cut_lines
 from client.traffic.recording import Conversation, Piece, wall_clock
 from urproto.durable import write_file
 from urproto.errors import RemoteProtocolError

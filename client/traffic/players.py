@@ -7,15 +7,28 @@ There are four kinds, depending on the port's protocol:
 - DialoguePlayer: an answer for each request, wherever it is in the recording (dashboard, gripper, ...)
 - RTDEPlayer: states for recipes, at the recorded times
 
-The last two have separate modules.
+The last one has a separate module.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
 
+from client.decoding.modbus import FRAMING as MODBUS
 from client.decoding.streams import Framing
-from client.traffic.recording import Conversation
+from client.traffic.recording import Conversation, Piece
+from urproto import dashboard
+from urproto.errors import RemoteProtocolError
+from urproto.text import from_bytes, readable
+
+_MAX_REQUEST: Final = 1 << 20  # bytes of a request without an end
+
+CutRequests = Callable[[bytearray], Iterator[bytes]]
+
+_NUMBER: Final = 2  # bytes of it
+_UNIT_AND_FUNCTION: Final = slice(6, 8)
+_NO_SUCH_ADDRESS: Final = 2
 
 
 class UnansweredError(Exception):
@@ -96,6 +109,11 @@ def cut(buffer: bytearray, framing: Framing) -> Iterator[bytes]:
         del buffer[:size]
 
 
+def cut_frames(buffer: bytearray) -> Iterator[bytes]:
+    """Take Modbus frames off the front of a buffer. Raises RemoteProtocolError."""
+    return cut(buffer, MODBUS)
+
+
 class Broadcast(Player):
     """Plays a script from its start, regardless of what the client sends."""
 
@@ -106,11 +124,9 @@ class Broadcast(Player):
         self._next = 0
 
     def begin(self, now_s: float) -> None:
-        """Start at position 0 now."""
         self._begin_s = now_s
 
     def due(self, now_s: float) -> bytes:
-        """The messages whose time has come."""
         position_s = (now_s - self._begin_s) * self._timing.speed
         end = bisect_right(self._script.times_s, position_s + 1e-9)
         messages = self._script.messages[self._next : end]
@@ -121,14 +137,12 @@ class Broadcast(Player):
 
     @property
     def next_s(self) -> float | None:
-        """Time of the next message, or of the end."""
         times = self._script.times_s
         position_s = times[self._next] if self._next < len(times) else self._script.end_s
         return self._begin_s + position_s / self._timing.speed
 
     @property
     def finished(self) -> bool:
-        """Whether everything was sent."""
         return self._next == len(self._script.messages) and not self._timing.loop
 
 
@@ -147,17 +161,14 @@ class SequentialPlayer(Player):
         self._taken = 0  # bytes of the client not yet matched to a recorded piece
 
     def begin(self, now_s: float) -> None:
-        """Start the recording now."""
         self._now_s = now_s
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """Count the bytes."""
         self._taken += len(data)
         self._match_client_pieces(now_s)
         return b""
 
     def due(self, now_s: float) -> bytes:
-        """The server's bytes due by now."""
         sent = b""
         self._match_client_pieces(now_s)
         while (due_s := self.next_s) is not None and due_s <= now_s and not self.finished:
@@ -179,7 +190,6 @@ class SequentialPlayer(Player):
 
     @property
     def next_s(self) -> float | None:
-        """Time at which the server sends next; None while it waits for the client."""
         if self._next < len(self._pieces) and self._pieces[self._next].from_server:
             wait_s = (self._pieces[self._next].time_ns - self._time_ns) / 1e9 / self._timing.speed
             return self._now_s + max(0.0, wait_s)
@@ -187,5 +197,131 @@ class SequentialPlayer(Player):
 
     @property
     def finished(self) -> bool:
-        """Whether the server has sent everything."""
         return not any(piece.from_server for piece in self._pieces[self._next :])
+
+
+@dataclass(slots=True)
+class RequestLog:
+    """The recorded requests to one port, in order, with their answers; shared by all clients.
+
+    A request gets the answer of its next occurrence in the recording. After the last occurrence, it keeps getting that
+    answer, or with ``loop`` starts again with the first.
+    """
+
+    loop: bool = False
+    _pairs: list[tuple[bytes, bytes]] = field(default_factory=list)
+    _position: int = 0
+
+    def add(self, request: bytes, answer: bytes) -> None:
+        """Add a recorded pair."""
+        self._pairs.append((request, answer))
+
+    def answer(self, request: bytes) -> bytes | None:
+        """The answer to a request; None if the recording does not contain the request."""
+        places = [place for place, (known, _) in enumerate(self._pairs) if known == request]
+        if not places:
+            return None
+        later = next((place for place in places if place >= self._position), None)
+        place = later if later is not None else places[0 if self.loop else -1]
+        if later is not None or self.loop:
+            self._position = place + 1
+        return self._pairs[place][1]
+
+
+class DialoguePlayer(Player):
+    """Greets, then answers. answer: finds the answer to a request; raises UnansweredError if there is none."""
+
+    def __init__(
+        self, greeting: bytes, requests: RequestLog, cut: CutRequests, answer: Callable[[RequestLog, bytes], bytes]
+    ) -> None:
+        self._greeting = greeting
+        self._requests = requests
+        self._cut = cut
+        self._answer = answer
+        self._buffer = bytearray()
+
+    def take(self, data: bytes, now_s: float) -> bytes:
+        self._buffer += data
+        return b"".join(self._answer(self._requests, request) for request in self._cut(self._buffer))
+
+    def due(self, now_s: float) -> bytes:
+        greeting, self._greeting = self._greeting, b""
+        return greeting
+
+
+def cut_lines(buffer: bytearray) -> Iterator[bytes]:
+    """Take complete lines off the front of a buffer. Raises RemoteProtocolError for an endless line."""
+    while (end := buffer.find(b"\n") + 1) > 0:
+        yield bytes(buffer[:end])
+        del buffer[:end]
+    if len(buffer) > _MAX_REQUEST:
+        raise RemoteProtocolError(f"a line of more than {_MAX_REQUEST} bytes")
+
+
+def line_requests(conversations: Iterable[Conversation], loop: bool) -> tuple[bytes, RequestLog]:
+    """The greeting of a line-based port, and its answers."""
+    greeting, requests = b"", RequestLog(loop)
+    for one in conversations:
+        first_greeting, pairs = _line_pairs(one.pieces)
+        greeting = greeting or first_greeting
+        for line, answer in pairs:
+            requests.add(line.strip(), answer)
+    return greeting, requests
+
+
+def _line_pairs(pieces: Iterable[Piece]) -> tuple[bytes, list[tuple[bytes, bytes]]]:
+    """Pair the n-th line with the n-th answer; if the counts differ, with the data received before the next line."""
+    greeting, requests, following, buffer = b"", list[bytes](), list[bytes](), bytearray()
+    for piece in pieces:
+        if piece.from_server and not requests:
+            greeting += piece.data
+        elif piece.from_server:
+            following[-1] += piece.data
+        else:
+            buffer += piece.data
+            for line in cut_lines(buffer):
+                requests.append(line)
+                following.append(b"")
+    answers = b"".join(following).splitlines(keepends=True)
+    return greeting, list(zip(requests, answers if len(answers) == len(requests) else following, strict=True))
+
+
+def answer_line(requests: RequestLog, line: bytes) -> bytes:
+    """Answer a request to a line-based port. Raises UnansweredError."""
+    answer = requests.answer(line.strip())
+    if answer is None:
+        raise UnansweredError(readable(from_bytes(line.strip())))
+    return answer
+
+
+def answer_dashboard(requests: RequestLog, line: bytes) -> bytes:
+    """Answer a dashboard command; an unknown one gets the dashboard's own answer to that."""
+    answer = requests.answer(line.strip())
+    if answer is None:
+        return dashboard.encode_line(dashboard.not_understood(from_bytes(line.strip())))
+    return answer
+
+
+def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> RequestLog:
+    """The recorded requests without their transaction numbers, and the answers."""
+    requests = RequestLog(loop)
+    for one in conversations:
+        unanswered: dict[bytes, bytes] = {}
+        buffers = {True: bytearray(), False: bytearray()}
+        for piece in one.pieces:
+            buffers[piece.from_server] += piece.data
+            for frame in cut_frames(buffers[piece.from_server]):
+                if not piece.from_server:
+                    unanswered[frame[:_NUMBER]] = frame
+                elif frame[:_NUMBER] in unanswered:
+                    requests.add(unanswered.pop(frame[:_NUMBER])[_NUMBER:], frame[_NUMBER:])
+    return requests
+
+
+def answer_modbus(requests: RequestLog, frame: bytes) -> bytes:
+    """Answer a Modbus request; one that is not in the recording gets the exception for an illegal address."""
+    answer = requests.answer(frame[_NUMBER:])
+    if answer is None:
+        unit, function = frame[_UNIT_AND_FUNCTION]
+        answer = bytes((0, 0, 0, 3, unit, function | 0x80, _NO_SUCH_ADDRESS))
+    return frame[:_NUMBER] + answer

@@ -19,8 +19,14 @@ from typing import Final, TypeVar, cast
 from client.decoding.states import PRIMARY, REALTIME
 from client.decoding.streams import Framing
 from client.errors import FileError
-from client.traffic.dialogues import (
+from client.traffic.players import (
+    Broadcast,
     DialoguePlayer,
+    PlaybackOptions,
+    Player,
+    SequentialPlayer,
+    TimedMessages,
+    UnansweredError,
     answer_dashboard,
     answer_line,
     answer_modbus,
@@ -29,10 +35,9 @@ from client.traffic.dialogues import (
     line_requests,
     modbus_requests,
 )
-from client.traffic.players import Broadcast, PlaybackOptions, Player, SequentialPlayer, TimedMessages, UnansweredError
 from client.traffic.ports import port_name, server_is_robot
+from client.traffic.proxy import reason_of
 from client.traffic.recording import Conversation, TrafficRecording
-from client.traffic.relay import reason_of
 from client.traffic.rtde_log import RTDELog
 from client.traffic.rtde_player import RTDELibrary, RTDEPlayer
 from urproto.compat import Self

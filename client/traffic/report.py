@@ -5,8 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from client.decoding import formatting
-from client.traffic.compare import Comparison, Source
-from client.traffic.messages import MessageComparison, MessageDifference
+from client.traffic.compare import Comparison, MessageComparison, MessageDifference, Source
 from client.traffic.tracks import base_name
 from client.traffic.trajectories import Difference, TrackPair
 

@@ -12,9 +12,8 @@ from typing import Final
 from client.traffic.players import PlaybackOptions, Player, UnansweredError
 from client.traffic.rtde_log import RecordedRecipe, Row, RTDELog
 from urproto.rtde import codec
-from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
+from urproto.rtde.fields import INPUT_FIELDS, NOT_FOUND, OUTPUT_FIELDS, WIRE_TYPES
 from urproto.rtde.recipes import Recipe, type_names
-from urproto.rtde.types import NOT_FOUND, WIRE_TYPES
 from urproto.versions import PolyscopeVersion
 
 _INPUT_TIMEOUT_S: Final = 0.5  # longest wait for the inputs before a state (guess)
@@ -84,7 +83,6 @@ class RTDEPlayer(Player):
         self._streamed = False
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """The replies to the requests that these bytes complete."""
         replies = b""
         for package in self._decoder.feed(data):
             request = codec.decode_request(package, self._protocol)
@@ -95,20 +93,17 @@ class RTDEPlayer(Player):
         return replies
 
     def due(self, now_s: float) -> bytes:
-        """The states whose time has come."""
         if not self._running:
             return b""
         return b"".join(stream.due(now_s, self._inputs, self._protocol) for stream in self._streams)
 
     @property
     def next_s(self) -> float | None:
-        """Time of the next state; None while the client has not started them."""
         times = [stream.next_s for stream in self._streams if stream.next_s is not None]
         return min(times, default=None) if self._running else None
 
     @property
     def finished(self) -> bool:
-        """Whether the last state was sent."""
         return self._streamed and all(stream.finished for stream in self._streams)
 
     def _reply(self, request: codec.Request, now_s: float) -> codec.Reply | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from client.traffic.recording import Conversation, TrafficRecording
 from client.traffic.rtde_log import RecordedRecipe, RTDELog
 from urproto.errors import RemoteProtocolError
-from urproto.external_control import ControlMode, MessageDecoder, ReverseMessage
+from urproto.external_control import ControlMode, ReverseMessage
 
 Array = NDArray[np.float64]
 
@@ -132,11 +132,14 @@ def _columns(rows: Sequence[Mapping[str, Any]], names: Iterable[str]) -> dict[st
 
 def _of_external_control(one: Conversation, begin_ns: int, problems: list[str]) -> Iterator[SetpointStream]:
     """The setpoints of a driver, which is the client of nobody here: the robot connects to it."""
-    decoder = MessageDecoder(ReverseMessage.SIZE, ReverseMessage.decode)
     sent: dict[ControlMode, tuple[list[int], list[tuple[float, ...]]]] = {}
+    unread = b""
     try:
         for piece in one.pieces:
-            for message in decoder.feed(piece.data) if piece.from_server else ():
+            unread += piece.data if piece.from_server else b""
+            while len(unread) >= ReverseMessage.SIZE:
+                message = ReverseMessage.decode(unread[: ReverseMessage.SIZE])
+                unread = unread[ReverseMessage.SIZE :]
                 if message.mode in _MODES:
                     times_ns, values = sent.setdefault(message.mode, ([], []))
                     times_ns.append(piece.time_ns)

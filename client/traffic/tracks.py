@@ -13,7 +13,8 @@ from client.traffic.recording import Conversation, TrafficRecording
 from client.traffic.rtde_log import RTDELog
 from urproto.errors import RemoteProtocolError
 from urproto.primary.framing import PrimaryDecoder
-from urproto.primary.state import JointData, RobotStateData
+from urproto.primary.state import RobotStateData
+from urproto.primary.subpackages import JointData
 from urproto.realtime import RealtimeDecoder
 from urproto.rtde.fields import OUTPUT_FIELDS
 

@@ -23,7 +23,7 @@ from emulator.servers.admission import Reason
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
-from urproto.backdoors import BackdoorMark
+from urproto.addresses import BackdoorMark
 from urproto.controlapi import BadArguments, NotPossible
 from urproto.text import to_bytes
 

@@ -18,7 +18,7 @@ from urproto.controlapi import BadArguments, NotPossible
 from urproto.durable import writing
 from urproto.modes import RuntimeState
 from urscript.polyscope.folder import ProgramsFolder
-from urscript.polyscope.outline import OutlineNode, outline_steps
+from urscript.polyscope.program import OutlineNode, outline_steps
 from urscript.polyscope.starting import StartingNode
 from urscript.polyscope.tree import TreeError
 from urscript.work import Steps

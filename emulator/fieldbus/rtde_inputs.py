@@ -12,8 +12,7 @@ from typing import Any, Final
 from emulator.machine import Machine
 from emulator.snapshot import plausible
 from urproto.modes import AnalogDomain
-from urproto.rtde.fields import INPUT_FIELDS, Field
-from urproto.rtde.types import FieldType
+from urproto.rtde.fields import INPUT_FIELDS, Field, FieldType
 from urproto.signals import DIGITAL_GROUPS, DigitalGroup
 
 _Setter = Callable[[Machine, Any], None]

@@ -26,7 +26,7 @@ from emulator.fleet.supervisor import join_or_kill
 from emulator.servers import http
 from emulator.servers.connection import Connection
 from emulator.servers.port import Port
-from urproto.backdoors import BackdoorMark
+from urproto.addresses import BackdoorMark
 from urproto.compat import Self
 from urproto.errors import URError
 from urproto.text import to_bytes

@@ -11,9 +11,8 @@ from msgspec import Meta, Struct, field
 from numpy.random import Generator
 
 from urproto.robots import RobotModel
-from urproto.structures import converted
+from urproto.structures import InvalidYamlError, converted, load_yaml
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
-from urproto.yamltext import InvalidYamlError, load_yaml
 
 TASKS: Final = Path(__file__).with_name("tasks")
 TASK_FILE: Final = "task.yaml"

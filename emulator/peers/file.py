@@ -31,8 +31,7 @@ from emulator.peers.answers import (
 from emulator.peers.connection import Announcement, Peers, SocketPeer
 from emulator.peers.log import Pattern, PeerLog, PeersError
 from emulator.peers.modbus import UnitPeer, Values
-from urproto.structures import converted
-from urproto.yamltext import InvalidYamlError, load_yaml
+from urproto.structures import InvalidYamlError, converted, load_yaml
 
 _HTTP_PORT: Final = 80
 _PYTHON: Final = re.compile(r"(.+\.py):([A-Za-z_]\w*)")

@@ -19,8 +19,7 @@ from urscript.parser import is_secondary
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.folder import ProgramsFolder, read_file, read_text
 from urscript.polyscope.installation_file import InstallationFile, read_installation_steps
-from urscript.polyscope.outline import OutlineNode
-from urscript.polyscope.program import script_steps
+from urscript.polyscope.program import OutlineNode, script_steps
 from urscript.polyscope.tree import ProgramTree, TreeError, read_tree_steps
 from urscript.polyscope.urpx import SUFFIX as URPX
 from urscript.polyscope.urpx import URPX_BYTES_PER_WORK, Urpx, UrpxError, read_urpx

@@ -25,11 +25,10 @@ from msgspec import Meta, Struct
 from msgspec.structs import asdict
 
 from urproto.robots.model import Joints, RobotModel
-from urproto.structures import converted
+from urproto.structures import InvalidYamlError, converted, load_yaml
 from urproto.text import unknown
 from urproto.vectors import Vector3
 from urproto.versions import Series
-from urproto.yamltext import InvalidYamlError, load_yaml
 from urscript.polyscope.document import DocumentError, read_document
 from urscript.polyscope.safety_configuration import (
     CHANNELS,

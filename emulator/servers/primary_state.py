@@ -8,7 +8,8 @@ from emulator.motion.reach import dexterity
 from emulator.robot.electrics import ROOM_C
 from emulator.snapshot import Snapshot
 from urproto.modes import AnalogDomain, KinematicsStatus, RobotMode, SafetyMode, SafetyStatusBits
-from urproto.primary.state import (
+from urproto.primary.state import RobotStateData
+from urproto.primary.subpackages import (
     AdditionalInfo,
     CalibrationData,
     CartesianInfo,
@@ -19,7 +20,6 @@ from urproto.primary.state import (
     KinematicsInfo,
     MasterboardData,
     ModeData,
-    RobotStateData,
     SafetyData,
     ToolCommunicationInfo,
     ToolData,

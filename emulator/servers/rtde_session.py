@@ -25,9 +25,8 @@ from emulator.snapshot import Snapshot
 from urproto.errors import RemoteProtocolError
 from urproto.facts import release_of, rows
 from urproto.rtde import codec
-from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field, available_fields
+from urproto.rtde.fields import IN_USE, INPUT_FIELDS, NOT_FOUND, OUTPUT_FIELDS, Field, available_fields
 from urproto.rtde.recipes import Recipe, type_names
-from urproto.rtde.types import IN_USE, NOT_FOUND
 from urproto.versions import PolyscopeVersion
 
 Packer = Callable[[Snapshot], bytes]

@@ -18,8 +18,7 @@ from typing import Final
 from emulator.servers.connection import Connection
 from emulator.servers.port import Port
 from emulator.services.sockets import ScriptNetwork, SocketState
-from urproto.addresses import is_loopback, local_address
-from urproto.backdoors import is_backdoor
+from urproto.addresses import is_backdoor, is_loopback, local_address
 
 _LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
 _MAX_UNREAD: Final = 1024 * 1024  # received bytes that the script has not read; above that, reading pauses (guess)

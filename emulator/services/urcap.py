@@ -17,7 +17,7 @@ from emulator.services.sockets import ScriptSocket, ScriptSocketBackend
 from urproto.compat import Self
 from urproto.text import from_bytes
 from urscript.polyscope.installation_file import InstallationFile
-from urscript.polyscope.naming import quoted
+from urscript.polyscope.numbers import quoted
 from urscript.polyscope.writer import ExternalControlCode
 
 _HOST: Final = "192.168.56.1"

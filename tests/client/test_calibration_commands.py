@@ -22,7 +22,7 @@ from emulator.machine import ControllerConfig
 from tests.rows import each_row
 from urproto.errors import RobotRefused
 from urproto.modes import KinematicsStatus
-from urproto.primary.state import KinematicsInfo
+from urproto.primary.subpackages import KinematicsInfo
 from urproto.robots import Calibration, CalibrationError, load_model
 from urproto.testing.process import claim_address
 

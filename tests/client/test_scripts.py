@@ -20,14 +20,8 @@ from urproto.primary.messages import (
     TextMessage,
     VersionMessage,
 )
-from urproto.primary.state import (
-    ConfigurationData,
-    KinematicsInfo,
-    MasterboardData,
-    ModeData,
-    RobotStateData,
-    encode_robot_state,
-)
+from urproto.primary.state import RobotStateData, encode_robot_state
+from urproto.primary.subpackages import ConfigurationData, KinematicsInfo, MasterboardData, ModeData
 from urproto.versions import PolyscopeVersion
 
 VERSION = PolyscopeVersion(5, 22)

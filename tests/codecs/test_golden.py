@@ -186,7 +186,8 @@ def script_command(_: str, case: str) -> set[str]:
 
 
 def result(_: str, case: str) -> set[str]:
-    (received,) = ec.MessageDecoder.results().feed(data_of(case))
+    (received,) = ec.ReplyDecoder().feed(data_of(case))
+    assert isinstance(received, ec.TrajectoryResult)
     return {f"result: {received.name}"}
 
 

@@ -12,17 +12,14 @@ from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modes import JointMode, RobotMode, RobotSubType, RobotType, SafetyMode
 from urproto.primary.framing import MAX_MESSAGE_SIZE, OtherMessage, PrimaryDecoder
-from urproto.primary.state import (
+from urproto.primary.state import RawSubPackage, RobotStateData, decode_robot_state, encode_robot_state
+from urproto.primary.subpackages import (
     ConfigurationData,
     EuromapData,
     JointData,
     KinematicsInfo,
     MasterboardData,
     ModeData,
-    RawSubPackage,
-    RobotStateData,
-    decode_robot_state,
-    encode_robot_state,
 )
 from urproto.versions import PolyscopeVersion
 

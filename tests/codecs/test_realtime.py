@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.rows import each_row
 from urproto.errors import RemoteProtocolError
 from urproto.modes import RobotMode
-from urproto.realtime import COLUMNS, RealtimeDecoder, decode_realtime, encode_realtime, packet_size
+from urproto.realtime import COLUMNS, RealtimeDecoder, decode_realtime, packet_size, realtime_packer
 from urproto.versions import PolyscopeVersion
 
 V3_15 = PolyscopeVersion(3, 15, 8)
@@ -49,14 +49,14 @@ def values():
     ],
 )  # fmt: skip
 def test_sizes(version, size):
-    packet = encode_realtime(SimpleNamespace(**values()), PolyscopeVersion.parse(version))
+    packet = realtime_packer(PolyscopeVersion.parse(version))(SimpleNamespace(**values()))
     assert len(packet) == packet_size(PolyscopeVersion.parse(version)) == size
     assert struct.unpack(">i", packet[:4]) == (size,)
 
 
 @each_row("name", OFFSETS)
 def test_offsets(name):
-    packet = encode_realtime(SimpleNamespace(**values()), V5_22)
+    packet = realtime_packer(V5_22)(SimpleNamespace(**values()))
     expected = values()[name]
     if name.endswith("_bits"):
         assert struct.unpack_from(">Q", packet, OFFSETS[name]) == (expected,)
@@ -74,7 +74,7 @@ def test_every_named_column_has_an_offset_above():
 @each_row("step", [1, 100, 5000])
 def test_round_trip_in_any_split(version, step):
     version = PolyscopeVersion.parse(version)
-    packet = encode_realtime(SimpleNamespace(**values()), version)
+    packet = realtime_packer(version)(SimpleNamespace(**values()))
     sent = {column.name for column in COLUMNS if column.name and column.since.covers(version)}
     decoder = RealtimeDecoder()
     stream = packet * 2
@@ -83,13 +83,13 @@ def test_round_trip_in_any_split(version, step):
 
 
 def test_modes_are_encoded_as_doubles():
-    packet = encode_realtime(SimpleNamespace(**{**values(), "robot_mode": RobotMode.RUNNING}), V3_15)
+    packet = realtime_packer(V3_15)(SimpleNamespace(**{**values(), "robot_mode": RobotMode.RUNNING}))
     assert struct.unpack_from(">d", packet, 756) == (7.0,)
     assert decode_realtime(packet)["robot_mode"] == RobotMode.RUNNING
 
 
 def test_newer_software_may_append():
-    packet = encode_realtime(SimpleNamespace(**values()), V5_22) + bytes(16)
+    packet = realtime_packer(V5_22)(SimpleNamespace(**values())) + bytes(16)
     assert decode_realtime(packet) == values()
 
 
@@ -103,7 +103,7 @@ def test_impossible_sizes_end_the_stream(size):
 
 
 def test_packets_before_an_impossible_size_are_not_lost():
-    packet = encode_realtime(SimpleNamespace(**values()), V3_15)
+    packet = realtime_packer(V3_15)(SimpleNamespace(**values()))
     decoder = RealtimeDecoder()
     assert len(decoder.feed(packet + bytes(4))) == 1
     assert decoder.error is not None

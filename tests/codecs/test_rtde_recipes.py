@@ -11,9 +11,8 @@ from tests.rows import each_row
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.modes import JointMode, RobotMode
 from urproto.rtde.codec import OutputData, output_packer
-from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, available_fields
+from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, FieldType, available_fields
 from urproto.rtde.recipes import Recipe, type_names
-from urproto.rtde.types import FieldType
 from urproto.versions import PolyscopeVersion
 
 CB3 = PolyscopeVersion(3, 15, 8)

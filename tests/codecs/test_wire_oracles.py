@@ -24,8 +24,8 @@ from primary_structs import (
 )
 
 from tests.rows import each_row
-from urproto.primary import state as parts
-from urproto.realtime import COLUMNS, encode_realtime
+from urproto.primary import subpackages as parts
+from urproto.realtime import COLUMNS, realtime_packer
 from urproto.versions import PolyscopeVersion
 
 VERSIONS = ["3.0", "3.2", "3.14", "3.15.8", "5.9", "5.11", "5.22", "5.26"]
@@ -165,7 +165,7 @@ def test_realtime_packet_against_construct(version):
     }
     fields = [name / (c.Int64ub if count == "bits" else D[count]) for name, count in LAYOUTS[version]]
     oracle = c.Struct("size" / I32, *fields, c.Terminated)
-    packet = encode_realtime(SimpleNamespace(**sent), PolyscopeVersion.parse(version))
+    packet = realtime_packer(PolyscopeVersion.parse(version))(SimpleNamespace(**sent))
     parsed = oracle.parse(packet)
     assert parsed.size == len(packet)
     for name, count in LAYOUTS[version]:

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.rows import each_row
-from urproto.yamltext import InvalidYamlError, load_yaml
+from urproto.structures import InvalidYamlError, load_yaml
 
 MULTIPLYING = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 9))
 

@@ -13,7 +13,7 @@ from tests.rows import each_row
 from urproto.modes import JointMode, ReportLevel, RobotMode, RuntimeState, SafetyMode, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage, SafetyModeMessage, decode_robot_message
 from urproto.primary.state import decode_robot_state, encode_robot_state
-from urproto.realtime import decode_realtime, encode_realtime
+from urproto.realtime import decode_realtime, realtime_packer
 from urproto.robots import load_model
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.recipes import Recipe
@@ -158,7 +158,7 @@ def test_every_cause_is_consistent_on_all_ports_and_can_be_recovered_from(make, 
     assert state.mode.protective_stopped is (row.mode is SafetyMode.PROTECTIVE_STOP)
     assert state.mode.emergency_stopped is ("EMERGENCY" in row.mode.name)
     assert state.mode.program_paused is (row.program is RuntimeState.PAUSED)
-    real_time = decode_realtime(encode_realtime(rig.now, robot.controller.version))
+    real_time = decode_realtime(realtime_packer(robot.controller.version)(rig.now))
     assert (real_time["robot_mode"], real_time["safety_mode"]) == (row.robot_mode, row.mode)
     assert [message.safety_mode for message in robot.messages_of(SafetyModeMessage)] == [row.mode]
     joint = JOINT if row.per_joint else None

@@ -195,7 +195,7 @@ def test_external_control():
         "CUBIC SPLINE target=[1, 2, 3, 4, 5, 6] second=[0, 0, 0, 0, 0, 0] third=[0, 0, 0, 0, 0, 0] duration_s=0.5"
     ]
     commands = ScriptCommand.set_payload(1.5, [0, 0, 0.1]).encode()
-    commands += ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE).encode()
+    commands += ScriptCommand(ScriptCommandKind.END_FORCE_MODE).encode()
     assert decoded_lines(commands, ports=(50004,)) == ["SET_PAYLOAD [1.5, 0, 0, 0.1]", "END_FORCE_MODE"]
     assert decoded_lines(b"\0\0\0\1", ports=(50003,), side=Side.ROBOT) == ["result: CANCELED"]
 

@@ -339,7 +339,7 @@ async def test_commands_and_contact():
         await commands.wait_connected()
         commands.send(ScriptCommand.set_payload(1.5, [0, 0, 0.1]))
         assert (await robot.words(28))[:5] == (1, 1500000, 0, 0, 100000)
-        commands.send(ScriptCommand.plain(ScriptCommandKind.START_TOOL_CONTACT))
+        commands.send(ScriptCommand(ScriptCommandKind.START_TOOL_CONTACT))
         assert (await robot.words(28))[0] == 5
         robot.answer(0)
         assert await commands.result(5) is TrajectoryResult.SUCCESS

@@ -7,7 +7,7 @@ import pytest
 from driver_rig import HOME, PATIENCE_S, Lab, moved
 
 from client import LateSetpointError, MotionError, StaleStateError, dashboard, points
-from client.driver.standstill import Standstill
+from client.driver.scheduling import Standstill
 from client.rtde import RTDECore
 from emulator.app import Emulator
 from emulator.faults.line import Delay
@@ -126,7 +126,7 @@ async def test_a_motion_that_cannot_proceed_says_why(robot, caplog, monkeypatch,
 
 def test_a_standstill_is_reported_for_a_while(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("client.driver.standstill._now_s", lambda: now[0])
+    monkeypatch.setattr("client.driver.scheduling._now_s", lambda: now[0])
     standstill = Standstill()
 
     def after(seconds: float, *, beat: bool = True) -> str:

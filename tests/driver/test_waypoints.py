@@ -109,7 +109,7 @@ async def test_after_a_pause_of_this_machine_the_arm_stays_until_the_next_waypoi
     """The robot stops an arm without setpoints; waypoints of before are no longer what anybody wants."""
     arm, stopped = follower(clock), turned(0.07)
     arm.send(turned(0.5), 0.5)
-    state = RobotState.of({"actual_q": stopped, "timestamp": 0.0})
+    state = RobotState({"actual_q": stopped, "timestamp": 0.0})
     calls = iter([None, None, LateSetpointError("servo_j", "late"), None, RuntimeError("the end")])
 
     async def follow(setpoint):

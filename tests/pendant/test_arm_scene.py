@@ -17,11 +17,11 @@ from nicegui.elements.scene.objects import Gltf, Stl, Text
 from nicegui.page import page as ui_page
 
 from client.pendant.arm_scene import DrawnArm, Lathe
-from urproto.primary.state import KinematicsInfo
+from urproto.primary.subpackages import KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, RobotModel, kinematics_of, load_model
-from urproto.robots.arm_shapes import link_parts
 from urproto.robots.description import urdf
 from urproto.robots.pose import rotvec_to_matrix
+from urproto.robots.shapes import link_parts
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 TCP = (0.03, -0.05, 0.12, 0.4, -0.3, 0.9)

@@ -19,7 +19,7 @@ from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
 from emulator.pendant_process import Pendant
 from tests.servers.test_cli import read_until
-from urproto.backdoors import is_backdoor
+from urproto.addresses import is_backdoor
 from urproto.compat import module_command
 from urproto.compat_asyncio import timeout
 from urproto.controlapi import RemoteControl

@@ -15,7 +15,7 @@ from urproto.modes import RuntimeState
 from urproto.primary.messages import RuntimeExceptionMessage
 from urscript.polyscope.document import DocumentError, read_document
 from urscript.polyscope.installation_file import read_installation, read_variables
-from urscript.polyscope.naming import identifier
+from urscript.polyscope.numbers import identifier
 
 GRIPPER = tag(
     "Contributed", tag("dataModel"), strategyProgramNodeType="Grip", strategyURCapName="Hand", strategyClass="org.hand"

@@ -30,8 +30,9 @@ from urproto.robots.pose import pose_dist, pose_trans
 from urproto.signals import STANDARD
 from urscript.polyscope.document import read_document
 from urscript.polyscope.installation_file import InstallationFile
-from urscript.polyscope.program import script_of
+from urscript.polyscope.program import script_steps
 from urscript.polyscope.tree import ProgramTree
+from urscript.work import run_to_end
 
 ASIDE = (0.3, -1.4, 1.4, -1.5, -1.5, 0.2)
 BACK = (0.0, -1.6, 1.6, -1.6, -1.57, 0.0)
@@ -165,7 +166,7 @@ def written(*nodes):
     tree = ProgramTree(read_document(urp(main(*nodes))), "tree")
     file = InstallationFile(tcp=(0.0,) * 6, tcps={"Long": (0.0, 0.0, 0.3, 0.0, 0.0, 0.0)})
     words = ("move", "stop", "set_tcp", "if CONTACT")
-    lines = [text.strip() for text in script_of(tree, file).splitlines()]
+    lines = [text.strip() for text in run_to_end(script_steps(tree, file)).splitlines()]
     return [text for text in lines if text.startswith(words) and not text.startswith("move_thread")][1:]
 
 

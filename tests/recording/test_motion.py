@@ -10,7 +10,7 @@ from recording_rig import GOAL, HOME, array, record, recording
 
 from client.errors import MotionError, OutOfReachError, RecordingError
 from client.recording import joint_path, read
-from urproto.primary.state import ConfigurationData
+from urproto.primary.subpackages import ConfigurationData
 
 TIME_S = np.arange(251) * 0.008
 

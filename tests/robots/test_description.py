@@ -15,9 +15,8 @@ import yaml
 
 from urproto.joints import JOINT_NAMES
 from urproto.robots import MODELS, Calibration, RobotModel, kinematics_of, load_model
-from urproto.robots.description import joint_frames, urdf
+from urproto.robots.description import MissingMeshesError, joint_frames, urdf
 from urproto.robots.dynamics import Dynamics
-from urproto.robots.meshes import MissingMeshesError
 from urproto.robots.pose import pose_trans, rotvec_to_matrix
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"

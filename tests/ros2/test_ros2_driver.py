@@ -25,7 +25,7 @@ from tests.rows import each_row
 from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 from urproto.robots import load_model
-from urproto.yamltext import load_yaml
+from urproto.structures import load_yaml
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("ros2")]
 

@@ -17,7 +17,7 @@ from emulator.servers import script_sockets
 from emulator.servers.script_sockets import NetworkSockets
 from emulator.services.sockets import ScriptNetwork, ScriptSocket
 from tests.rows import each_row
-from urproto.backdoors import BackdoorMark, is_backdoor
+from urproto.addresses import BackdoorMark, is_backdoor
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
 from urproto.testing.process import EmulatorProcess

@@ -16,8 +16,14 @@ from traffic_rig import NAMES, VirtualTime, ends, recorded_robot
 from client import BlockingDashboardClient, BlockingRTDEClient, dashboard
 from client.decoding.states import PRIMARY
 from client.errors import ClientError, FileError
-from client.traffic.dialogues import RequestLog, answer_modbus
-from client.traffic.players import Broadcast, PlaybackOptions, SequentialPlayer, TimedMessages
+from client.traffic.players import (
+    Broadcast,
+    PlaybackOptions,
+    RequestLog,
+    SequentialPlayer,
+    TimedMessages,
+    answer_modbus,
+)
 from client.traffic.recording import Conversation, Piece, TrafficRecorder, TrafficRecording
 from client.traffic.replay import ReplayRobot
 from client.traffic.rtde_log import RecordedRecipe

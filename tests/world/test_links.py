@@ -10,8 +10,7 @@ from emulator.world.links import Links
 from emulator.world.shapes import Box, Plane, Sphere, WorldObject
 from tests.rows import each_row
 from urproto.robots import MODELS, load_model
-from urproto.robots.arm_shapes import link_parts
-from urproto.robots.shapes import ArmCapsules, capsules
+from urproto.robots.shapes import ArmCapsules, capsules, link_parts
 
 POSTURES = [(0.3, -1.2, 1.4, -1.9, -1.1, 0.4), (-2.0, -0.4, -1.1, 0.7, 1.9, -0.6)]
 

@@ -9,8 +9,7 @@ Code that needs such a value asks for it by name, so that a better source is an 
 ``ur-emulator facts --polyscope 5.11.9`` prints what holds for a version.
 """
 
-from urproto.facts.description import description
-from urproto.facts.releases import Release, known_releases, release_of
+from urproto.facts.releases import Release, description, known_releases, release_of
 from urproto.facts.scope import Personality, Scope, Situation, parse_scope
 from urproto.facts.tables import (
     Certainty,

@@ -10,12 +10,15 @@ from functools import cache
 from itertools import chain
 from typing import Final, NamedTuple
 
-from urproto.facts.scope import line_of
-from urproto.facts.tables import Certainty, Fact, availability, rows
+from urproto.facts.scope import Situation, line_of
+from urproto.facts.tables import Certainty, Fact, availability, known, ledger, rows
 from urproto.versions import PolyscopeVersion
 
 _MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _BUILD_FOURTH: Final = PolyscopeVersion(3, 3)  # before, the build is the third number: 3.2.18654
+
+_PRESENT: Final = "yes"
+_ABSENT: Final = "no"
 
 
 class Release(NamedTuple):
@@ -104,3 +107,20 @@ def known_releases() -> tuple[PolyscopeVersion, ...]:
     """All releases of which anything is known, in order."""
     facts = chain.from_iterable(rows(f"release.{name}") for name in ("build", "date", "compiled", "control_build"))
     return tuple(sorted({release for fact in facts if (release := fact.holds.release)}))
+
+
+def description(situation: Situation) -> Iterator[Fact]:
+    """One fact for each name: those of the release first, then those of the other tables, in their order.
+
+    What a version does not have yet is there with the value ``no``, and as certain as its first version.
+    """
+    release = release_of(situation.version)
+    for stated in (release.build, release.day, release.compiled, release.control_build):
+        yield stated._replace(doc=rows(stated.name)[0].doc)
+    for name, (first, *_) in ledger().items():
+        if first.table == "releases":
+            continue
+        if (found := known(name, situation)) is not None:
+            yield found._replace(doc=first.doc)
+        elif first.value == _PRESENT:
+            yield first._replace(value=_ABSENT)

@@ -9,15 +9,14 @@ from typing import Any
 
 from urproto._wire import Reader
 from urproto.errors import RemoteProtocolError
-from urproto.primary._subpackages import (
+from urproto.primary._wire import MESSAGE_HEADER, ROBOT_STATE, frame
+from urproto.primary.subpackages import (
     AdditionalInfo,
     CalibrationData,
     CartesianInfo,
     ConfigurationData,
-    EuromapData,
     ForceModeData,
     JointData,
-    JointState,
     KinematicsInfo,
     MasterboardData,
     ModeData,
@@ -28,31 +27,7 @@ from urproto.primary._subpackages import (
     ToolData,
     ToolModeInfo,
 )
-from urproto.primary._wire import MESSAGE_HEADER, ROBOT_STATE, frame
 from urproto.versions import PolyscopeVersion
-
-__all__ = [
-    "AdditionalInfo",
-    "CalibrationData",
-    "CartesianInfo",
-    "ConfigurationData",
-    "EuromapData",
-    "ForceModeData",
-    "JointData",
-    "JointState",
-    "KinematicsInfo",
-    "MasterboardData",
-    "ModeData",
-    "RawSubPackage",
-    "RobotStateData",
-    "SafetyData",
-    "SingularityInfo",
-    "ToolCommunicationInfo",
-    "ToolData",
-    "ToolModeInfo",
-    "decode_robot_state",
-    "encode_robot_state",
-]
 
 _PARTS: dict[int, tuple[str, type[SubPackage]]] = {
     kind.type: (name, kind)

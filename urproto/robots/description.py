@@ -16,7 +16,6 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from urproto.joints import JOINT_NAMES
 from urproto.robots.calibration import Chain, LinkFrame, chain_of
-from urproto.robots.meshes import PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import DH, Link, RobotModel
 from urproto.robots.pose import Pose, matrix_to_rotvec, rpy_to_rotvec
 from urproto.robots.shapes import Capsule, capsules
@@ -41,6 +40,15 @@ _FIXED: Final[Sequence[tuple[str, str, str, Vector3]]] = (
 _GREY: Final = ("0.75 0.76 0.78 1", "0.35 0.5 0.65 1")  # alternating between links
 _VISUAL: Final = (".dae", ".glb", ".obj", ".stl")
 _COLLISION: Final = (".stl", ".obj", ".dae")
+
+_AddShape = Callable[[Element, str | None], None]
+_Shapes = tuple[list[_AddShape], list[_AddShape]]
+
+_MESHES: Final = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
+_MESH_RPY: Final[Sequence[Vector3]] = (
+    *((0.0, 0.0, pi), (0.0, 0.0, pi), (pi / 2, 0.0, -pi / 2), (pi / 2, 0.0, -pi / 2)),
+    *((pi / 2, 0.0, 0.0), ZERO3, (pi / 2, 0.0, 0.0)),
+)
 
 
 class JointFrame(NamedTuple):
@@ -139,12 +147,6 @@ def _numbers(values: Vector3) -> str:
     return " ".join(repr(value + 0.0) for value in values)
 
 
-# geometry: for each link, the functions that add a shape to <visual> and to <collision>
-
-_AddShape = Callable[[Element, str | None], None]
-_Shapes = tuple[list[_AddShape], list[_AddShape]]
-
-
 def _capsules(model: RobotModel) -> list[_Shapes]:
     shapes = [_parts(capsule) for capsule in capsules(model)]
     return [(parts, parts) for parts in shapes]
@@ -184,3 +186,36 @@ def _meshes(model: RobotModel, folder: Path) -> list[_Shapes]:
     return [
         (shapes_of(mesh, "visual", _VISUAL), shapes_of(mesh, "collision", _COLLISION)) for mesh in placed_meshes(model)
     ]
+
+
+class MissingMeshesError(ValueError):
+    """The folder does not contain the meshes of this arm, or their placement is not known."""
+
+
+class PlacedMesh(NamedTuple):
+    """A mesh with its placement. name: of its files, without extension. position [m], rpy [rad, about fixed axes]: in
+    the link's frame."""
+
+    name: str
+    position: Vector3
+    rpy: Vector3
+
+
+def placed_meshes(model: RobotModel) -> tuple[PlacedMesh, ...]:
+    """The meshes of base, shoulder, upper arm, forearm, wrist 1, 2 and 3. Raises MissingMeshesError."""
+    if model.wrist_mesh_offsets is None:
+        raise MissingMeshesError(f"the placement of the meshes of {model.title} has not been published: leave them out")
+    offsets = (0.0, 0.0, *model.tube_offsets, *model.wrist_mesh_offsets)
+    return tuple(PlacedMesh(name, (0.0, 0.0, z), rpy) for name, rpy, z in zip(_MESHES, _MESH_RPY, offsets, strict=True))
+
+
+def mesh_file(folder: Path, kind: str, name: str, endings: Sequence[str]) -> Path:
+    """The path of a mesh: ``visual/base.dae``, or ``base.dae`` if all are in one folder. Raises MissingMeshesError."""
+    places = [folder / kind / f"{name}{ending}" for ending in endings]
+    places += [folder / f"{name}{ending}" for ending in endings]
+    for place in places:
+        if place.is_file():
+            return place
+    raise MissingMeshesError(
+        f"{folder} has no {kind}/{name} ({', '.join(endings)}): it must contain {', '.join(_MESHES)}"
+    )

@@ -76,10 +76,7 @@ class _Moving(NamedTuple):
 
 
 class PlainDynamics:
-    """Torques, accelerations and momenta of one arm. Joint vectors are (6,): rad, rad/s, rad/s2, Nm.
-
-    Vectors of another length raise ValueError.
-    """
+    """Torques, accelerations and momenta of one arm, with the methods of `pinocchio_dynamics.Dynamics`."""
 
     def __init__(self, model: RobotModel) -> None:
         self._places, self._links = _chain(model)
@@ -89,45 +86,30 @@ class PlainDynamics:
         self._rotors: Joints = ZERO6
 
     def copy(self) -> "PlainDynamics":
-        """The same arm with the same load, which can be given another one."""
         other = copy(self)
         other._links = list(self._links)
         return other
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = ZERO6) -> None:
-        """Replace the payload.
-
-        ``cog_m``: centre of gravity (3,) in the flange frame. ``inertia_kg_m2``: Ixx, Iyy, Izz,
-        Ixy, Ixz, Iyz about it, axes as the flange's (as URScript's set_target_payload). A
-        negative mass raises ValueError.
-        """
         if mass_kg < 0.0:
             raise ValueError(f"payload of {mass_kg} kg: a mass cannot be negative")
         payload = _body(mass_kg, cog_m, inertia_kg_m2).seen_from(self._flange)
         self._links[5] = self._wrist_3.joined(payload)
 
     def set_gravity(self, acceleration_m_s2: Sequence[float]) -> None:
-        """Set gravity (3,) in the base frame, as in URScript's set_gravity: (0, 0, 9.82) for an upright base."""
         x, y, z = acceleration_m_s2
         self._gravity = (x, y, z)
 
     def set_rotor_inertia(self, inertia_kg_m2: Sequence[float]) -> None:
-        """Set the inertia of the rotors (6,), referred to the joint side of the gears; initially 0."""
         self._rotors = _six(inertia_kg_m2)
 
     def inverse_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
-        """Torques that result in the accelerations ``qdd``."""
         return self._torques(q_rad, qd, qdd, self._gravity)
 
     def torques_and_momentum(self, q_rad: Joints, qd: Joints, qdd: Joints) -> tuple[Joints, float]:
-        """`inverse_dynamics` and `linear_momentum` of one motion."""
         return self.inverse_dynamics(q_rad, qd, qdd), self.linear_momentum(q_rad, qd)
 
     def base_wrench(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
-        """Wrench of arm and payload on the base (6,): force [N], torque [Nm] about its origin, in base axes.
-
-        The weight of an upright arm is a negative z.
-        """
         moving = self._moving(_six(q_rad), _six(qd), _six(qdd), self._gravity)
         force, moment = self._loads(moving)[0]
         place = moving[0].place
@@ -136,20 +118,16 @@ class PlainDynamics:
         return (*scaled3(force, -1.0), *scaled3(moment, -1.0))
 
     def forward_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], torque_Nm: Sequence[float]) -> Joints:
-        """Accelerations under the torques."""
         bias = self.inverse_dynamics(q_rad, qd, ZERO6)
         return _solved(self.mass_matrix(q_rad), [own - taken for own, taken in zip(_six(torque_Nm), bias, strict=True)])
 
     def gravity_torques(self, q_rad: Sequence[float]) -> Joints:
-        """Torques that hold the arm still."""
         return self._torques(q_rad, ZERO6, ZERO6, self._gravity)
 
     def coriolis_torques(self, q_rad: Sequence[float], qd: Sequence[float]) -> Joints:
-        """Torques for Coriolis and centrifugal forces: C(q, qd) qd."""
         return self._torques(q_rad, qd, ZERO6, ZERO3)
 
     def mass_matrix(self, q_rad: Sequence[float]) -> Jacobian:
-        """Joint-space mass matrix [kg m2], six rows; symmetric."""
         columns = list[Joints]()
         for i in range(_JOINTS):
             a, b, c, d, e, f = (1.0 if j == i else 0.0 for j in range(_JOINTS))
@@ -159,7 +137,6 @@ class PlainDynamics:
         return (a_, b_, c_, d_, e_, f_)
 
     def energy(self, q_rad: Sequence[float], qd: Sequence[float]) -> tuple[float, float]:
-        """Kinetic and potential energy of arm, payload and rotors [J]."""
         speeds = _six(qd)
         kinetic = sum(0.5 * own * speed * speed for own, speed in zip(self._rotors, speeds, strict=True))
         potential = 0.0
@@ -169,7 +146,6 @@ class PlainDynamics:
         return kinetic, potential
 
     def linear_momentum(self, q_rad: Sequence[float], qd: Sequence[float]) -> float:
-        """Magnitude of the linear momentum of arm and payload [kg m/s]."""
         total = ZERO3
         for body, frame, (velocity, _) in self._velocities(q_rad, _six(qd)):
             total = add3(total, scaled3(rotate(frame.axes, velocity), body.mass))
@@ -178,7 +154,6 @@ class PlainDynamics:
     def jacobian_time_derivative(
         self, q_rad: Sequence[float], qd: Sequence[float], tcp_offset: Sequence[float] | None = None
     ) -> Jacobian:
-        """Time derivative of ``Kinematics.jacobian`` for ``qd``: six rows, linear, angular, base axes, at the TCP."""
         frames, speeds = self._frames(_six(q_rad)), _six(qd)
         last = frames[-1].times(self._flange)
         tcp = last.position if tcp_offset is None else last.times(_placement(tcp_offset)).position

@@ -9,10 +9,10 @@ Source: the RTDE guide, checked against the official Python and C++ clients.
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, ClassVar, NamedTuple, get_args
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, get_args
 
 from urproto._wire import (
     TO_THE_END,
@@ -120,6 +120,9 @@ class _Message:
     @classmethod
     def read(cls, reader: Reader, protocol: int) -> Self:
         return cls(**{name: decode_item(form, reader) for name, form in cls._layout(protocol)})
+
+
+_AnyMessage = TypeVar("_AnyMessage", bound=_Message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,15 +315,16 @@ def decode_request(package: Package, protocol: int) -> Request:
     Bytes after a fixed layout are ignored. Raises RemoteProtocolError for an unknown type or a payload that is too
     short; the stream itself stays usable.
     """
-    kind = _REQUESTS.get(package.type)
-    if kind is None:
-        raise RemoteProtocolError(f"no RTDE package has type {package.type}")
-    return kind.read(Reader(package.payload, f"RTDE request {kind.package_type.name}"), protocol)
+    return _decode(package, protocol, _REQUESTS, "request")
 
 
 def decode_reply(package: Package, protocol: int) -> Reply:
     """Decode a package sent by a controller; otherwise like decode_request."""
-    kind = _REPLIES.get(package.type)
+    return _decode(package, protocol, _REPLIES, "reply")
+
+
+def _decode(package: Package, protocol: int, kinds: Mapping[int, type[_AnyMessage]], what: str) -> _AnyMessage:
+    kind = kinds.get(package.type)
     if kind is None:
         raise RemoteProtocolError(f"no RTDE package has type {package.type}")
-    return kind.read(Reader(package.payload, f"RTDE reply {kind.package_type.name}"), protocol)
+    return kind.read(Reader(package.payload, f"RTDE {what} {kind.package_type.name}"), protocol)

@@ -10,14 +10,15 @@ and booleans, which are the bits of one integer.
 
 import csv
 import re
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, Final
 
 from urproto.facts import availability
-from urproto.rtde.types import FieldType
 from urproto.versions import Availability, PolyscopeVersion
 
 AVAILABLE: Final = availability("service.rtde")
@@ -30,6 +31,44 @@ _FAMILY = re.compile(r"(?P<stem>\w+)_\{(?P<first>\d+)\.\.(?P<last>\d+)\}")
 _REGISTER = re.compile(r"(?P<kind>(?:in|out)put_(?:int|double|bit)_register)_(?P<index>\d+)")
 _BIT_WORD = re.compile(r"(?P<attribute>(?:in|out)put_bit_registers)(?P<index>\d+)_to_\d+")
 _RENAMED = {"control_step": "step"}
+
+# Words that replace a type in a set-up reply.
+NOT_FOUND = "NOT_FOUND"  # no such variable in this version
+IN_USE = "IN_USE"  # another client controls this input
+
+
+class FieldType(Enum):
+    """A wire type: name in set-up replies, struct letter and number of elements."""
+
+    BOOL = ("BOOL", "?", 1)
+    UINT8 = ("UINT8", "B", 1)
+    UINT32 = ("UINT32", "I", 1)
+    UINT64 = ("UINT64", "Q", 1)
+    INT32 = ("INT32", "i", 1)
+    DOUBLE = ("DOUBLE", "d", 1)
+    VECTOR3D = ("VECTOR3D", "d", 3)
+    VECTOR6D = ("VECTOR6D", "d", 6)
+    VECTOR6INT32 = ("VECTOR6INT32", "i", 6)
+    VECTOR6UINT32 = ("VECTOR6UINT32", "I", 6)
+
+    def __init__(self, wire_name: str, letter: str, count: int) -> None:
+        self.wire_name = wire_name
+        self.letter = letter
+        self.count = count
+
+    @property
+    def layout(self) -> str:
+        """Struct layout without byte order, for example ``6d``."""
+        return f"{self.count}{self.letter}" if self.count > 1 else self.letter
+
+    @property
+    def size(self) -> int:
+        """Size on the wire in bytes."""
+        return struct.calcsize(">" + self.layout)
+
+
+WIRE_TYPES = {kind.wire_name: kind for kind in FieldType}
+"""The types by their names in set-up replies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +150,8 @@ def _load(file_name: str) -> Mapping[str, Field]:
 
 
 OUTPUT_FIELDS: Mapping[str, Field] = _load("outputs.csv")
+
+
 INPUT_FIELDS: Mapping[str, Field] = _load("inputs.csv")
 
 

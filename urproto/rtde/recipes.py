@@ -6,8 +6,7 @@ from typing import Any
 
 from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
-from urproto.rtde.fields import Field
-from urproto.rtde.types import NOT_FOUND, WIRE_TYPES
+from urproto.rtde.fields import NOT_FOUND, WIRE_TYPES, Field
 from urproto.versions import Availability
 
 

@@ -22,8 +22,8 @@ from typing import Any, Final
 
 from urproto.durable import write_file
 from urproto.extras import how_to_install
-from urproto.robots.arm_shapes import link_parts
 from urproto.robots.calibration import chain_of
+from urproto.robots.shapes import link_parts
 from urproto.text import readable, readable_in
 from urproto.trace import STATIC
 from urproto.trace.model import CURVES, Entry, Trace, TraceError

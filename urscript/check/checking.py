@@ -12,8 +12,7 @@ from urscript.blocks import Blocks
 from urscript.check.names import owner_of
 from urscript.check.project import Project
 from urscript.check.rules import RULES
-from urscript.check.rules.compiler import BROKEN_NODE, STALE, code_of
-from urscript.check.rules.registry import Rule
+from urscript.check.rules.registry import BROKEN_NODE, STALE, Rule, code_of
 from urscript.check.signatures import libraries
 from urscript.check.sources import Source
 from urscript.check.subject import Body, Subject

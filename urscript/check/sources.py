@@ -11,7 +11,6 @@ from urproto.text import from_bytes, to_bytes
 from urproto.versions import PolyscopeVersion
 from urscript.check.embedded import READERS, Embedded
 from urscript.check.project import Project
-from urscript.check.templates import filled
 from urscript.errors import ScriptError
 from urscript.files import ScriptFile
 from urscript.scripttest.suite import is_test_file, whole_program
@@ -25,6 +24,16 @@ _SCRIPT_NODE: Final = re.compile(rb"<file[^<>]{0,99}>(?:[^<>]{0,999}/)?([^<>/]{1
 
 Place: TypeAlias = tuple[int, int, str]
 """Line and column of the file that a user edits, and the text of that line."""
+
+_HOLE: Final = r"(?:\{\{[^{}\n]*\}\}|\{[^{}\n]*\})"
+_PLACEHOLDER: Final = re.compile(
+    rf'"[^"\n{{}}]*"|#[^\n]*|(?P<line>(?m:^[ \t]*{_HOLE}[ \t]*(?:#[^\n]*)?$))|\w{{0,50}}{_HOLE}(?:\w|{_HOLE})*'
+)
+_LAST_ARGUMENT: Final = re.compile(r"(=[^=(),\n]*)(,[ \t]*\{\{?[^{}\n]*\}\}?)(?=[ \t]*\))")
+"""A placeholder after an argument by name: it stands for further ones."""
+_IN_NUMBER: Final = re.compile(r"[0-9]\.$")
+_NO_LETTER: Final = re.compile(r"[^A-Za-z0-9_]")
+_POSE: Final = "p"  # p[{x}] is a pose once it is filled in, but reads like an element of a variable
 
 
 @dataclass(slots=True)
@@ -195,3 +204,26 @@ def _tree_source(name: str, path: Path, version: PolyscopeVersion) -> Source:
     broken = [(max(writer.number(node), 1), message) for node, message in wrong]
     stale = [(max(each.number, 1), each.message) for each in found]
     return Source(name, ScriptFile(path.stem, to_bytes(writer.text())), place, [], broken_nodes=broken, stale=stale)
+
+
+def filled(text: str) -> tuple[str, set[str]]:
+    """A text without its placeholders, ``{x}`` and ``{{x}}``, and the names that stand for them.
+
+    Names have the same length, so that places stay true. A placeholder alone on its line may be any statements.
+    """
+    names = {_POSE}
+
+    def fill(match: re.Match[str]) -> str:
+        found = match[0]
+        if found[0] in '"#':
+            return found
+        if match["line"]:
+            return " " * len(found)
+        if found[0].isdigit() or _IN_NUMBER.search(text, max(match.start() - 2, 0), match.start()):
+            return "0" * len(found)
+        name = _NO_LETTER.sub("_", found)
+        names.add(name)
+        return name
+
+    without = _LAST_ARGUMENT.sub(lambda match: match[1] + " " * len(match[2]), text)
+    return _PLACEHOLDER.sub(fill, without), names

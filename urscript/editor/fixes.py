@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from urscript.check.checking import Finding
-from urscript.check.rules.compiler import SYNTAX
+from urscript.check.rules.registry import SYNTAX
 from urscript.editor.document import Document
 from urscript.hints import SIGNS
 

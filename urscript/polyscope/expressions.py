@@ -28,10 +28,10 @@ def _part_shown(part: Element) -> str:
     return ""
 
 
-def expression_of(text: str, program: Surroundings, tag: str = "expression") -> Element:
+def expression_of(text: str, program: Surroundings) -> Element:
     """Create an expression from its text. Variables, inputs, outputs and waypoints of the program become places that
     share them, words for which PolyScope's editor has a key become tokens, and all else stays single characters."""
-    element = make(tag)
+    element = make("expression")
     for part in _parts(text, program):
         part.parent = element
         element.children.append(part)
@@ -96,6 +96,6 @@ def _in_word(letter: str) -> bool:
     return letter.isalnum() or letter == "_"
 
 
-def lacks_expression(element: Element, tag: str = "expression") -> bool:
+def lacks_expression(element: Element) -> bool:
     """Whether a node's expression is empty, which PolyScope shows as undefined."""
-    return not expression_shown(element.child(tag)).strip()
+    return not expression_shown(element.child("expression")).strip()

@@ -265,7 +265,7 @@ def attribute_boolean(
     return Field(key, title, "boolean", lambda element, _: element.get(attribute) == values[1], write, **more)
 
 
-def node_name(key: str = "name", title: str = "Name", *, what: str, free: bool = False) -> Field:
+def node_name(*, what: str, free: bool = False) -> Field:
     """The name of a node. free: any text is allowed, as for folders."""
 
     def write(element: Element, value: str, program: Surroundings) -> None:
@@ -277,7 +277,7 @@ def node_name(key: str = "name", title: str = "Name", *, what: str, free: bool =
             raise FieldError(f"there is already a {what} called {value!r}")
         program.set_attribute(element, "name", value)
 
-    return Field(key, title, "text", lambda element, _: element.get("name"), write)
+    return Field("name", "Name", "text", lambda element, _: element.get("name"), write)
 
 
 def variable_field(key: str, title: str, tag: str = "variable", **more: Any) -> Field:
@@ -337,13 +337,16 @@ def feature_field(key: str, title: str, *, declared: bool = False, **more: Any) 
     return Field(key, title, "feature", read, write, options=feature_names, **more)
 
 
-def expression_field(key: str, title: str, tag: str = "expression", **more: Any) -> Field:
+def expression_field(key: str, title: str, **more: Any) -> Field:
     """An expression."""
 
-    def write(element: Element, value: str, program: Surroundings) -> None:
-        program.set_child(element, tag, expression_of(value, program, tag))
+    def read(element: Element, _: Surroundings) -> str:
+        return expression_shown(element.child("expression"))
 
-    return Field(key, title, "expression", lambda element, _: expression_shown(element.child(tag)), write, **more)
+    def write(element: Element, value: str, program: Surroundings) -> None:
+        program.set_child(element, "expression", expression_of(value, program))
+
+    return Field(key, title, "expression", read, write, **more)
 
 
 def titled(title: str, text: str) -> str:

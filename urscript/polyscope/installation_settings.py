@@ -10,12 +10,12 @@ PolyScope 3.5 to 5.24; settings that these leave unclear are refused.
 import re
 import uuid
 from collections.abc import Iterator, Mapping
+from importlib.resources import files
 from typing import Any, Final
 
-from urproto.vectors import ZERO3
 from urproto.versions import Availability, PolyscopeVersion
-from urscript.polyscope.document import DocumentError, Element, link
-from urscript.polyscope.installation_file import MODBUS_TYPES, PIN_NAMES
+from urscript.polyscope.document import DocumentError, Element, link, read_document
+from urscript.polyscope.installation_file import MODBUS_TYPES, PIN_NAMES, tcp_settings
 from urscript.polyscope.installation_sections import (
     Features,
     Field,
@@ -27,7 +27,6 @@ from urscript.polyscope.installation_sections import (
     Tcps,
     new_element,
 )
-from urscript.polyscope.numbers import doubles_text
 from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 from urscript.polyscope.tree import EXTERNAL_CONTROL
 from urscript.polyscope.writer import find_pin
@@ -382,37 +381,26 @@ def _check_new_name(page: Section, root: Element, name: str) -> None:
 def new_installation(version: PolyscopeVersion, name: str = "default") -> Element:
     """The installation of a controller that was never set up: one TCP at the flange, no payload, base on the floor.
 
-    It has no safety settings, because those depend on the arm (`urscript.polyscope.safety_text.settings_text`).
+    It is as in ``new.installation``, without safety settings, because those depend on the arm
+    (`urscript.polyscope.safety_text.settings_text`).
     """
-    root = Element(
-        "Installation", {"directory": "/programs", "fileName": name, "showSpeedSliderOnRunTab": "false"}, None
-    )
-    ios = new_element(root, "IOs", {})
+    root = read_document(files("urscript.polyscope").joinpath("new.installation").read_bytes())
+    root.attributes["fileName"] = name
+    ios, payloads = root.children[0], root.child("PayloadSettings")
+    inner, ios.children = ios.children, []
     for tag, kind in PIN_NAMES.items():
         new_element(ios, tag, {"value": ", ".join([""] * _PIN_COUNTS[kind])})
-    new_element(ios, "analogInputRange", {"value": "1, 1, 1, 1"})
-    new_element(ios, "analogOutputDomain", {"value": "0, 0"})
-    new_element(ios, "ModbusUnits", {})
+    ios.children += inner
     for tag, kind in PIN_NAMES.items():
         if kind not in _WITHOUT_ACTIONS:
             new_element(ios, tag.removesuffix("Names") + "Actions", {"value": ", ".join(["NONE"] * _PIN_COUNTS[kind])})
-    numbers_of = {"major": str(version.major), "minor": str(version.minor), "bugfix": str(version.bugfix)}
-    for tag in ("Version", "LastSavedInVersion"):
-        new_element(root, tag, dict(numbers_of))
-    new_element(root, "DefaultProgramSettings", {"autoLoad": "false"})
-    several = _SEVERAL_PAYLOADS.covers(version)
-    settings = new_element(root, "TCPSettings", {"activePose": "TCP"} | ({} if several else {"toolPayload": "0.0"}))
-    flange = {"id": str(uuid.uuid4()), "name": "TCP", "offset": doubles_text((0.0,) * 6)}
-    new_element(new_element(settings, "availablePoses", {}), "tcp", flange)
-    if several:
-        new_element(root, "PayloadSettings", {})
-        Payloads().add(root, {"name": "Payload", "mass": 0.0, "cog": list(ZERO3), "default": True})
-    features = new_element(root, "Features", {})
-    world = new_element(new_element(features, "CameraView", {}), "worldTransform", {"class": "WorldTransform"})
-    place = {"showAxes": "false", "isVariable": "false", "baseAngle": "0.0", "tiltAngle": "0.0"}
-    new_element(world, "WorldtoMarshal", place)
-    for view in ("BaseView", "ToolView"):
-        shown = {"showAxes": "true", "joggable": "true", "isVariable": "false", "id": str(uuid.uuid4())}
-        new_element(new_element(features, view, {}), view, shown)
-    new_element(new_element(root, "Contributions", {}), "URCaps", {})
+    for element in root.walk():
+        if element.tag.endswith("Version"):
+            numbers_of = {"major": version.major, "minor": version.minor, "bugfix": version.bugfix}
+            element.attributes = {part: str(number) for part, number in numbers_of.items()}
+        elif "id" in element.attributes:
+            element.attributes["id"] = str(uuid.uuid4())
+    if payloads is not None and not _SEVERAL_PAYLOADS.covers(version):
+        root.children.remove(payloads)
+        tcp_settings(root).attributes["toolPayload"] = "0.0"
     return root

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from urscript.polyscope.document import Element
-from urscript.polyscope.naming import tag_in_words
+from urscript.polyscope.numbers import tag_in_words
 from urscript.polyscope.registry import Kind, kind_of
 from urscript.polyscope.tree import tag_of
 

@@ -1,18 +1,18 @@
-"""Translate a program tree to URScript."""
+"""Translate a program tree to URScript, and list its nodes as a pendant shows them."""
 
+from dataclasses import dataclass
 from typing import Final
 
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.document import DocumentError, Element
 from urscript.polyscope.installation_file import InstallationFile
-from urscript.polyscope.naming import identifier, quoted
 from urscript.polyscope.nodes import NODE_MODULES
-from urscript.polyscope.numbers import list_text, pose_text
+from urscript.polyscope.numbers import identifier, list_text, pose_text, quoted, tag_in_words
 from urscript.polyscope.registry import NODES, translate
 from urscript.polyscope.starting import SKIPPING, StartingNode
 from urscript.polyscope.tree import ProgramTree, TreeError
 from urscript.polyscope.writer import ExternalControlCode, Writer, find_pin
-from urscript.work import Steps, run_to_end
+from urscript.work import Steps
 
 # kind of pin and its automatic action in PolyScope's words -> the call that sets it; START, STOP and PAUSE have none
 _ACTIONS: Final = {
@@ -26,6 +26,8 @@ _ACTIONS: Final = {
     ("GP_bool_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_gp_boolean_output_to_value({0}, 1)",
     ("analog_out", "LOW_WHEN_PROGRAM_STOPPED"): "set_runstate_standard_analog_output_to_value({0}, 1)",
 }
+
+_NODE_WORK: Final = 20  # guess [units of `urscript.work`]
 
 
 def write_preamble(writer: Writer) -> None:
@@ -87,20 +89,6 @@ def _modbus(writer: Writer) -> None:
 assert NODES, NODE_MODULES  # importing the modules registers the nodes
 
 
-def script_of(
-    tree: ProgramTree,
-    installation: InstallationFile,
-    *,
-    version: PolyscopeVersion = DEFAULT_VERSION[Series.E],
-    external_control: ExternalControlCode | None = None,
-) -> str:
-    """The URScript of a program.
-
-    Raises TreeError if the tree has nodes that cannot be run, or External Control nodes without code.
-    """
-    return run_to_end(script_steps(tree, installation, version=version, external_control=external_control))
-
-
 def script_steps(
     tree: ProgramTree,
     installation: InstallationFile,
@@ -109,7 +97,10 @@ def script_steps(
     external_control: ExternalControlCode | None = None,
     start_at: int = 0,
 ) -> Steps[str]:
-    """Like `script_of`, in pieces for a control loop. start_at: number of the node to begin at, 0 for all of it."""
+    """The URScript of a program, in pieces for a control loop. start_at: number of the node to begin at, 0 for all.
+
+    Raises TreeError if the tree has nodes that cannot be run, or External Control nodes without code.
+    """
     writer = yield from write_steps(
         tree, installation, version=version, external_control=external_control, start_at=start_at
     )
@@ -141,3 +132,34 @@ def write_steps(
     except DocumentError as error:
         raise TreeError(f"{tree.name}: {error}") from error
     return writer
+
+
+@dataclass(frozen=True, slots=True)
+class OutlineNode:
+    """A node of the outline. number: its line in the tree, as used in labels. suppressed: it is not executed."""
+
+    number: int
+    depth: int
+    text: str
+    suppressed: bool = False
+
+
+def outline_steps(
+    tree: ProgramTree, installation: InstallationFile, version: PolyscopeVersion
+) -> Steps[list[OutlineNode]]:
+    """All nodes in order, in pieces for a control loop. Raises TreeError for a tree that cannot be run."""
+    writer = yield from write_steps(tree, installation, version=version, external_control=ExternalControlCode("", ""))
+    nodes = list[OutlineNode]()
+    for line in tree.lines:
+        text = writer.labels.get(line.number) or _name(line.element)
+        nodes.append(OutlineNode(line.number, line.depth, text, line.suppressed))
+        yield _NODE_WORK
+    return nodes
+
+
+def _name(element: Element) -> str:
+    """The name of a node without a label: its own, or that of its kind."""
+    kind, named = element.tag, element
+    if element.tag == "SuppressedNode" and (inner := element.child("suppressedNode")) is not None:
+        kind, named = inner.get("class") or kind, inner
+    return named.attributes.get("name") or tag_in_words(kind)

@@ -7,7 +7,7 @@ from typing import Final
 
 from urscript.polyscope.document import Element, read_steps
 from urscript.polyscope.folder import ProgramsFolder, read_file, read_text
-from urscript.polyscope.naming import quoted
+from urscript.polyscope.numbers import quoted
 from urscript.polyscope.saved_script import NO_SAVED_SCRIPT, SavedScript, read_saved_script
 from urscript.work import Steps, run_to_end
 

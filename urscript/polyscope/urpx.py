@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from urproto.text import from_bytes, lines
 from urscript.polyscope.document import Element, make
-from urscript.polyscope.outline import OutlineNode
+from urscript.polyscope.program import OutlineNode
 from urscript.polyscope.saved_script import SavedScript
 from urscript.polyscope.tree import ProgramTree, TreeError, tag_of
 from urscript.work import Steps

@@ -10,8 +10,7 @@ from urproto.versions import PolyscopeVersion, Series
 from urscript.polyscope.document import DocumentError, Element
 from urscript.polyscope.features import BASE_VARIABLE
 from urscript.polyscope.installation_file import InstallationFile, PayloadSetting
-from urscript.polyscope.naming import identifier, quoted
-from urscript.polyscope.numbers import list_text, pose_text, taught_pose
+from urscript.polyscope.numbers import identifier, list_text, pose_text, quoted, taught_pose
 from urscript.polyscope.starting import StartingNode
 from urscript.polyscope.tree import ProgramTree, TreeError
 from urscript.work import Steps, run_to_end

@@ -13,7 +13,7 @@ from glob import glob
 from pathlib import Path
 from typing import Any, Final
 
-from urproto.yamltext import InvalidYamlError, load_yaml
+from urproto.structures import InvalidYamlError, load_yaml
 from urscript.scripttest.program import Source, TestProgram
 
 _TEST_FILE: Final = re.compile(r"test_(\w+)\.script|(\w+)[_.]test\.script")

@@ -5,8 +5,7 @@ from typing import Any
 
 from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 
-from client.lerobot.devices.connected import ConnectedArm
-from client.lerobot.devices.keys import ACTIONS, GRIPPER_KEY, JOINT_KEYS, JOINTS, TCP_KEYS
+from client.lerobot.devices.connected import ACTIONS, GRIPPER_KEY, JOINT_KEYS, JOINTS, TCP_KEYS, ConnectedArm
 from client.robot import Robot
 from urproto.errors import LocalProtocolError
 from urproto.text import unknown

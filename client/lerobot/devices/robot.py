@@ -10,8 +10,7 @@ from lerobot.cameras.camera import Camera
 from lerobot.robots import Robot as LeRobot
 from lerobot.robots import RobotConfig
 
-from client.lerobot.devices.connected import ConnectedArm
-from client.lerobot.devices.keys import ACTIONS, GRIPPER_KEY, JOINT_KEYS, JOINTS, TCP_KEYS
+from client.lerobot.devices.connected import ACTIONS, GRIPPER_KEY, JOINT_KEYS, JOINTS, TCP_KEYS, ConnectedArm
 from client.lerobot.grippers import GRIPPERS, FollowingGripper
 from client.robot import Robot
 from client.robot.waypoints import MAX_SPEED_M_S, MAX_SPEED_RAD_S, WaypointFollower

@@ -18,7 +18,7 @@ from client.pendant.station import Station
 from urproto.errors import RobotRefused
 from urproto.joints import JOINT_TITLES
 from urproto.modes import ControllerBox, mode_name
-from urproto.primary.state import ConfigurationData, KinematicsInfo
+from urproto.primary.subpackages import ConfigurationData, KinematicsInfo
 from urproto.robots import Calibration, CalibrationError
 
 _HEADERS: Final = ("Joint", "From", "To", "Speed", "Acceleration")

@@ -13,7 +13,7 @@ from client.decoding.session import Choice, DecodingSession
 from client.errors import ClientError
 from client.recording import Recorder
 from client.recording.files import read as read_recording
-from client.recording.recorded_pictures import read_pictures
+from client.recording.pictures import read_pictures
 from client.traffic.recording import TrafficRecording
 from targets.registry import file, folder, target
 from urproto.cameras import CameraDescription

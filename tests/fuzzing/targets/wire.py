@@ -165,10 +165,9 @@ def driver_messages(data: bytes) -> None:
         external_control.ScriptCommand,
     ):
         with suppress(RemoteProtocolError):
-            external_control.MessageDecoder(kind.SIZE, kind.decode).feed(data)
-    for decoder in (external_control.ReplyDecoder(), external_control.MessageDecoder.results()):
-        with suppress(RemoteProtocolError):
-            decoder.feed(data)
+            kind.decode(data[: kind.SIZE].ljust(kind.SIZE, b"\0"))
+    with suppress(RemoteProtocolError):
+        external_control.ReplyDecoder().feed(data)
 
 
 @target(b"<?xml version='1.0'?><methodResponse><params><param><value><struct><member><name>x</name><value><double>1"

@@ -1,4 +1,4 @@
-"""Rules on names: unused ones, variables without a value, globals whose type changes."""
+"""Rules on names and texts: unused names, variables without a value, globals whose type changes, escapes."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,9 +7,11 @@ from typing import Final
 from urscript.check.rules.registry import body_rule, declare, rule
 from urscript.check.subject import Body, Subject, inner, names, own_expressions
 from urscript.inference import BOOL, NUMBER, STRING, KindSet, is_local, is_number, is_vector
+from urscript.literals import ESCAPE, SENDING
 from urscript.syntax import (
     Assign,
     Call,
+    Constant,
     FunctionDef,
     If,
     Name,
@@ -27,6 +29,10 @@ _ANYTHING: Final[set[str]] = set()
 _MOST_VARIABLES: Final = 300  # of a body that is followed path by path: the work grows with their square
 
 UNUSED_INCLUDE: Final = "URS205"
+
+_INTERPRETING = "interpret_escape"  # the argument of socket_read_string that makes it look for escapes
+
+
 declare(UNUSED_INCLUDE, "unused-include", "no program of a project uses what a URCap or an included file defines")
 
 
@@ -168,3 +174,18 @@ class _Paths:
             if name in self._related and name not in given and not self._related[name] & guards:
                 del self._related[name]
                 self._found.append((node, f"'{name}' has no value here on at least one path"))
+
+
+@body_rule("URS107", "shown-escape")
+def escapes(_: Subject, body: Body) -> Iterator[tuple[Node, str]]:
+    """a text that is shown or kept contains \\n, \\r or \\t: the backslash and the letter stay in it"""
+    for statement in all_statements(body.statements):
+        skipped: set[int] = set()
+        for node in inner(own_expressions(statement)):
+            if isinstance(node, Call) and (
+                node.name in SENDING or any(name == _INTERPRETING for name, _ in node.keywords)
+            ):
+                skipped.update(id(part) for part in inner([node]))
+            text = node.value if isinstance(node, Constant) and id(node) not in skipped else None
+            if isinstance(text, str) and ESCAPE.search(text):
+                yield node, "URScript has no escapes: the backslash and the letter after it stay in the text"

@@ -16,9 +16,9 @@ from urscript.polyscope.forms import (
     parts_choice,
     pin_field,
 )
-from urscript.polyscope.naming import truth
 from urscript.polyscope.nodes.motion import DIRECTION, move_of
 from urscript.polyscope.nodes.waits import analog_condition, child_text
+from urscript.polyscope.numbers import truth
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.surroundings import DIGITAL_INPUTS, FEATURE_TITLES, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_reading

@@ -14,7 +14,7 @@ from urscript.polyscope.forms import (
     parts_choice,
     variable_field,
 )
-from urscript.polyscope.naming import quoted
+from urscript.polyscope.numbers import quoted
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, variable_name

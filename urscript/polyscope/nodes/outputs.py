@@ -16,9 +16,8 @@ from urscript.polyscope.forms import (
     parts_choice,
     pin_field,
 )
-from urscript.polyscope.naming import truth
 from urscript.polyscope.nodes.waits import child_text, level_field, pin_shown
-from urscript.polyscope.numbers import list_text, number, number_text
+from urscript.polyscope.numbers import list_text, number, number_text, truth
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import ANALOG_OUTPUTS, DIGITAL_OUTPUTS, OUTPUTS, FieldError, Surroundings
 from urscript.polyscope.writer import Writer, expression_text, pin_name, pin_writing, resolve_pin

@@ -6,8 +6,8 @@ from urproto.text import lines
 from urscript.polyscope.document import DocumentError, Element, make, sharing
 from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import Field, attribute_boolean, expression_field, node_name, of_type, parts_choice
-from urscript.polyscope.naming import identifier
 from urscript.polyscope.nodes.waits import child_text
+from urscript.polyscope.numbers import identifier
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.tree import tag_of

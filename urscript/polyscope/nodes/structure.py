@@ -5,8 +5,8 @@ from typing import Final
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import Field, attribute_boolean, attribute_text, expression_field, node_name, titled
-from urscript.polyscope.naming import identifier
 from urscript.polyscope.nodes.waypoints import circle_move
+from urscript.polyscope.numbers import identifier
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
 from urscript.polyscope.writer import Writer, expression_text, variable_name
 from urscript.work import Steps

@@ -6,7 +6,7 @@ from typing import Any, Final
 from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import Field, child_number, expression_field, of_type, parts_choice, pin_field, titled
-from urscript.polyscope.naming import truth
+from urscript.polyscope.numbers import truth
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import ANALOG_INPUTS, DIGITAL_INPUTS, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_name, pin_reading
@@ -29,17 +29,17 @@ _PARTS: Final = {
 }
 
 
-def level_field(key: str = "level", title: str = "Level", tag: str = "digitalValue", **more: Any) -> Field:
+def level_field(**more: Any) -> Field:
     """Field for high or low, stored as the text of a child."""
 
     def write(element: Element, value: str, program: Surroundings) -> None:
-        program.set_text(element, tag, value)
+        program.set_text(element, "digitalValue", value)
 
     def read(element: Element, _: Surroundings) -> str:
-        text = child_text(element, tag)
+        text = child_text(element, "digitalValue")
         return "" if not text else "1" if truth(text) == "True" else "0"
 
-    return Field(key, title, "choice", read, write, choices=tuple(_LEVELS.items()), **more)
+    return Field("level", "Level", "choice", read, write, choices=tuple(_LEVELS.items()), **more)
 
 
 def pin_shown(element: Element) -> str:

@@ -19,7 +19,6 @@ from urscript.polyscope.forms import (
     own_child,
     variable_field,
 )
-from urscript.polyscope.naming import identifier
 from urscript.polyscope.nodes.motion import (
     DIRECTION,
     JOINT_DEFAULTS,
@@ -30,7 +29,7 @@ from urscript.polyscope.nodes.motion import (
     speed_fields,
 )
 from urscript.polyscope.nodes.operator import variable_shown
-from urscript.polyscope.numbers import doubles_text, inverse_text, list_text, pose_text, six, taught_pose
+from urscript.polyscope.numbers import doubles_text, identifier, inverse_text, list_text, pose_text, six, taught_pose
 from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
