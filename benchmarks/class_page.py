@@ -1,4 +1,4 @@
-"""A class in full: one fleet, its class page, and a browser for each robot, which all open their pendant at once.
+"""A class in full: one fleet, its class page, and a session for each robot, which all open their pendant at once.
 
 python benchmarks/class_page.py [robots]        # requires Chromium, and the extras pendant and test
 
@@ -17,7 +17,7 @@ import time
 import urllib.request
 from pathlib import Path
 
-from playwright.async_api import BrowserType, Page, async_playwright
+from playwright.async_api import Browser, Page, async_playwright
 from processes import cpu_s, family, shared_mib
 from table import Table
 
@@ -88,8 +88,9 @@ async def _measure(count: int) -> Table:
 async def _attend(fleet: int, hosts: list[str]) -> Table:
     """Open the class page and then the pendants in the browsers, look at them, and press a button in each."""
     async with async_playwright() as playwright:
-        starting = asyncio.Semaphore(os.cpu_count() or 1)  # what is measured are the pendants
-        pages = await asyncio.gather(*(_browser(playwright.chromium, hosts[0], starting) for _ in hosts))
+        executable = shutil.which("chromium")
+        browser = await playwright.chromium.launch(executable_path=executable, args=_FLAGS, timeout=_TIMEOUT_MS)
+        pages = await asyncio.gather(*(_page(browser, hosts[0]) for _ in hosts))
         (page_process,) = (pid for pid in family(fleet) if b"spawn_main" in _arguments(pid))
         await pages[0].goto(f"http://{hosts[0]}:{_PORT}/")
         await pages[0].locator('li[data-mode="RUNNING"]').last.wait_for()
@@ -114,7 +115,7 @@ async def _attend(fleet: int, hosts: list[str]) -> Table:
         shown = f"{pictures / _SECONDS:.1f} changes/s"
         rows.insert(1, ["class page", "1", page_cost[0], _memory([page_process]), shown])
     note = (
-        f"{len(hosts)} UR3 that move, and as many headless Chromium processes on the same machine, each with the "
+        f"{len(hosts)} UR3 that move, and as many sessions of a headless Chromium on the same machine, each with the "
         "pendant of one robot, drawn at two frames per second. All pendants were opened at the same time and were "
         f"there after {opened_s:.0f} s; then Stop was pressed in all of them. Cost over {_SECONDS:g} s: of the class "
         "page while one browser shows it, otherwise while all show their pendant. Missed periods: from the first "
@@ -123,17 +124,15 @@ async def _attend(fleet: int, hosts: list[str]) -> Table:
     return Table("A class", note, ["part", "processes", "cost", "memory", "result"], rows)
 
 
-async def _browser(chromium: BrowserType, host: str, starting: asyncio.Semaphore) -> Page:
-    """An empty page of a new browser that knows the password."""
-    async with starting:
-        browser = await chromium.launch(executable_path=shutil.which("chromium"), args=_FLAGS, timeout=_TIMEOUT_MS)
-        context = await browser.new_context()
-        await context.add_init_script(_SLOW_FRAMES)
-        answer = await context.request.post(f"http://{host}:{_PORT}/login", data={"password": "s"}, timeout=_TIMEOUT_MS)
-        assert answer.ok, await answer.text()
-        page = await context.new_page()
-        page.set_default_timeout(_TIMEOUT_MS)
-        return page
+async def _page(browser: Browser, host: str) -> Page:
+    """An empty page of a student who knows the password, with nothing in common with the others but the process."""
+    context = await browser.new_context()
+    await context.add_init_script(_SLOW_FRAMES)
+    answer = await context.request.post(f"http://{host}:{_PORT}/login", data={"password": "s"}, timeout=_TIMEOUT_MS)
+    assert answer.ok, await answer.text()
+    page = await context.new_page()
+    page.set_default_timeout(_TIMEOUT_MS)
+    return page
 
 
 async def _open(page: Page, hosts: list[str], number: int) -> None:
