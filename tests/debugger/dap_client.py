@@ -4,6 +4,29 @@ import json
 import subprocess
 import sys
 
+CELL = """def cell():
+  global count = 0
+  def move(x):
+    y = x * 2
+    movej([0.1 * x, -1.4, 1.5, -1.7, -1.5, 0.1 * random()], a=3, v=2)
+    return y
+  end
+  thread blink():
+    while True:
+      set_standard_digital_out(1, count > 1)
+      sleep(0.1)
+    end
+  end
+  run blink()
+  while count < 4:
+    z = move(count)
+    textmsg("z ", z)
+    count = count + 1
+  end
+  sleep(0.5)
+end
+"""
+
 
 class DebugClient:
     """A session with ``urscript dap`` in a process of its own."""

@@ -3,35 +3,13 @@
 import time
 
 import pytest
-from dap_client import DebugClient
+from dap_client import CELL, DebugClient
 
 from emulator.control.debugging import LiveDebuggee
 from emulator.virtual import virtual_robot
 from urproto.testing.process import EmulatorProcess
 
-CELL = """# a comment before the program
-
-def cell():
-  global count = 0
-  def move(x):
-    y = x * 2
-    movej([0.1 * x, -1.4, 1.5, -1.7, -1.5, 0], a=3, v=2)
-    return y
-  end
-  thread blink():
-    while True:
-      set_standard_digital_out(1, count > 1)
-      sleep(0.1)
-    end
-  end
-  run blink()
-  while count < 3:
-    z = move(count)
-    textmsg("z ", z)
-    count = count + 1
-  end
-end
-"""
+FILE = f"# a comment before the program\n\n{CELL}"
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +21,7 @@ def emulated():
 @pytest.fixture
 def cell(tmp_path):
     file = tmp_path / "cell.script"
-    file.write_text(CELL)
+    file.write_text(FILE)
     return file
 
 
@@ -75,7 +53,7 @@ def until_over(emulated):
 
 def test_a_program_that_a_client_sends_stops_and_goes_on(client, emulated, cell):
     attach(client, emulated, cell, [{"line": 8, "condition": "x == 1"}])
-    assert emulated.control.send_script(CELL)
+    assert emulated.control.send_script(FILE)
     assert client.stopped() == ("breakpoint", [("move", 8), ("main", 18)])
     assert state(emulated, "runtime_state") in ("PAUSING", "PAUSED")
     assert client.variables(client.frame) == {"x": "1", "y": "2"}
@@ -99,7 +77,7 @@ def test_a_program_that_a_client_sends_stops_and_goes_on(client, emulated, cell)
 
 def test_threads_wait_together_and_the_pendant_may_resume(client, emulated, cell):
     attach(client, emulated, cell, functions=["move"])
-    assert emulated.control.send_script(CELL)
+    assert emulated.control.send_script(FILE)
     assert client.stopped()[0] == "function breakpoint"
     client.request("setFunctionBreakpoints", breakpoints=[])
     emulated.control.dashboard("play")
@@ -134,7 +112,7 @@ def test_a_stop_between_two_calls_is_told_by_the_next_one():
 def test_ending_the_session_lets_the_program_go_on(emulated, cell):
     first = DebugClient()
     attach(first, emulated, cell, [{"line": 20}])
-    assert emulated.control.send_script(CELL)
+    assert emulated.control.send_script(FILE)
     assert first.stopped()[0] == "breakpoint"
     first.close()
     until_over(emulated)

@@ -6,34 +6,11 @@ import signal
 import time
 
 import pytest
-from dap_client import DebugClient
+from dap_client import CELL, DebugClient
 
 from emulator.branches import can_branch
 
 pytestmark = pytest.mark.skipif(not can_branch(), reason="the system cannot copy processes")
-
-CELL = """def cell():
-  global count = 0
-  def move(x):
-    y = x * 2
-    movej([0.1 * x, -1.4, 1.5, -1.7, -1.5, 0.1 * random()], a=3, v=2)
-    return y
-  end
-  thread blink():
-    while True:
-      set_standard_digital_out(1, count > 1)
-      sleep(0.1)
-    end
-  end
-  run blink()
-  while count < 4:
-    z = move(count)
-    textmsg("z ", z)
-    count = count + 1
-  end
-  sleep(0.5)
-end
-"""
 
 
 @pytest.fixture
