@@ -74,35 +74,20 @@ class ScriptLines:
     time_s: Array
 
 
-def setpoint_streams(recording: TrafficRecording, states: SentStates | None) -> list[SetpointStream]:
-    """All streams of a recording, in order of the connections."""
+def streams_and_states(recording: TrafficRecording) -> tuple[list[SetpointStream], SentStates | None]:
+    """All streams of a recording, and the longest series of states with the arm's joint positions.
+
+    The streams are in order of the connections. The states are None if no connection has at least two.
+    """
     begin_ns, streams = _begin_ns(recording), list[SetpointStream]()
+    logs = [RTDELog(one) for one in recording.on_port(_RTDE_PORT)]
+    states = _sent_states(logs, begin_ns)
     for one in recording.on_port(_REVERSE_PORT):
         streams += _of_external_control(one, begin_ns, recording.problems)
-    for one in recording.on_port(_RTDE_PORT):
-        for recipe in RTDELog(one).inputs:
+    for log in logs:
+        for recipe in log.inputs:
             streams += _of_registers(recipe, begin_ns, states)
-    return streams
-
-
-def sent_states(recording: TrafficRecording) -> SentStates | None:
-    """The longest series of states with the arm's joint positions; None if there is none with at least two states."""
-    begin_ns = _begin_ns(recording)
-    found: list[RecordedRecipe] = []
-    for one in recording.on_port(_RTDE_PORT):
-        found += [
-            outputs
-            for outputs in RTDELog(one).outputs
-            if {"timestamp", "actual_q"} <= {*outputs.names} and len(outputs.rows) > 1
-        ]
-    if not found:
-        return None
-    # Targets tell more than any number of states.
-    outputs = max(found, key=lambda outputs: ("target_q" in outputs.names, len(outputs.rows)))
-    values = _columns([outputs.unpack(row.data) for row in outputs.rows], outputs.names)
-    arrived_s = _seconds((row.time_ns for row in outputs.rows), begin_ns)
-    time_s = values["timestamp"] + np.min(arrived_s - values["timestamp"])
-    return SentStates(time_s, arrived_s, values)
+    return streams, states
 
 
 def script_lines(recording: TrafficRecording) -> list[ScriptLines]:
@@ -124,6 +109,25 @@ def _begin_ns(recording: TrafficRecording) -> int:
 
 def _seconds(times_ns: Iterable[int], begin_ns: int) -> Array:
     return np.array([(time_ns - begin_ns) / 1e9 for time_ns in times_ns])
+
+
+def interpolated(at_s: Array, time_s: Array, values: Array) -> Array:
+    """Values (n, joints) at other times, on straight lines between those known."""
+    return np.stack([np.interp(at_s, time_s, column) for column in values.T], axis=1)
+
+
+def _sent_states(logs: Iterable[RTDELog], begin_ns: int) -> SentStates | None:
+    needed = {"timestamp", "actual_q"}
+    all_outputs = (outputs for log in logs for outputs in log.outputs)
+    found = [outputs for outputs in all_outputs if needed <= {*outputs.names} and len(outputs.rows) > 1]
+    if not found:
+        return None
+    # Targets tell more than any number of states.
+    outputs = max(found, key=lambda outputs: ("target_q" in outputs.names, len(outputs.rows)))
+    values = _columns([outputs.unpack(row.data) for row in outputs.rows], outputs.names)
+    arrived_s = _seconds((row.time_ns for row in outputs.rows), begin_ns)
+    time_s = values["timestamp"] + np.min(arrived_s - values["timestamp"])
+    return SentStates(time_s, arrived_s, values)
 
 
 def _columns(rows: Sequence[Mapping[str, Any]], names: Iterable[str]) -> dict[str, Array]:
@@ -189,6 +193,5 @@ def _first_of_six(names: Iterable[str]) -> int | None:
 
 
 def _is_near(values: Array, time_s: Array, states: SentStates) -> bool:
-    joints = states.values["actual_q"]
-    there = np.stack([np.interp(time_s, states.time_s, joints[:, joint]) for joint in range(6)], axis=1)
+    there = interpolated(time_s, states.time_s, states.values["actual_q"])
     return bool(np.median(np.max(np.abs(values - there), axis=1)) < _NEAR_RAD)

@@ -21,9 +21,9 @@ from client.traffic.setpoints import (
     ScriptLines,
     SentStates,
     SetpointStream,
+    interpolated,
     script_lines,
-    sent_states,
-    setpoint_streams,
+    streams_and_states,
 )
 from urproto.joints import JOINT_LABELS
 from urproto.modes import RuntimeState, SafetyMode, mode_name
@@ -123,8 +123,8 @@ class Smoothness:
 
 def examine(recording: TrafficRecording) -> Smoothness:
     """Examine every stream of setpoints. Raises RecordingError if there is none, and no stream of scripts either."""
-    states = sent_states(recording)
-    reports = tuple(_report(stream, states) for stream in setpoint_streams(recording, states))
+    streams, states = streams_and_states(recording)
+    reports = tuple(_report(stream, states) for stream in streams)
     scripts = tuple(_about_scripts(script_lines(recording)))
     if not reports and not scripts:
         raise RecordingError(
@@ -174,7 +174,7 @@ def _timing(stream: SetpointStream) -> StreamTiming:
     )
 
 
-def _changed(stream: SetpointStream) -> "NDArray[np.bool_]":
+def _changed(stream: SetpointStream) -> NDArray[np.bool_]:
     """Whether each setpoint after the first differs from the one before it."""
     changed: NDArray[np.bool_] = np.any(np.diff(stream.values, axis=0) != 0.0, axis=1)
     return changed
@@ -284,7 +284,7 @@ def _about_setpoints(stream: SetpointStream, timing: StreamTiming) -> Iterator[S
         )
 
 
-def _moving(stream: SetpointStream, changed: "NDArray[np.bool_]") -> "NDArray[np.bool_]":
+def _moving(stream: SetpointStream, changed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which setpoints have a changed one within half a second."""
     at = stream.time_s[1:]
     changes = at[changed]
@@ -368,14 +368,14 @@ def _forms(stream: SetpointStream, timing: StreamTiming, states: SentStates | No
     if len(grid) <= 2 * _WINDOW:
         return
     even = _evenly_spaced(stream, timing.interval_ms[0] / 1e3)
-    yield _form("setpoints, evenly spaced", _linear(even, stream.values, np.arange(even[0], even[-1], _GRID_S)))
+    yield _form("setpoints, evenly spaced", interpolated(np.arange(even[0], even[-1], _GRID_S), even, stream.values))
     yield _form("setpoints, as sent", _held(stream.time_s, stream.values, grid))
     if states is None or len(states.time_s) < 2:
         return
     grid = grid[(grid >= states.time_s[0]) & (grid <= states.time_s[-1])]
     for name, field in (("robot's target", "target_q"), ("arm", "actual_q")):
         if field in states.values and len(grid) > 2 * _WINDOW:
-            yield _form(name, _linear(states.time_s, states.values[field], grid))
+            yield _form(name, interpolated(grid, states.time_s, states.values[field]))
 
 
 def _unavoidable(stream: SetpointStream, timing: StreamTiming) -> float:
@@ -389,10 +389,6 @@ def _evenly_spaced(stream: SetpointStream, interval: float) -> Array:
     """Times at which the setpoints would have been sent without delays; pauses stay."""
     intervals = np.diff(stream.time_s)
     return np.concatenate(([0.0], np.cumsum(np.where(intervals < _PAUSE_S, interval, intervals))))
-
-
-def _linear(time_s: Array, values: Array, grid: Array) -> Array:
-    return np.stack([np.interp(grid, time_s, values[:, joint]) for joint in range(values.shape[1])], axis=1)
 
 
 def _held(time_s: Array, values: Array, grid: Array) -> Array:

@@ -36,8 +36,7 @@ class LiveDebuggee(SteppedProgram):
         self._next: ScriptThread | None = None  # goes on with the statement at which it stopped
         self._over = False
         self._hook_before: StepHook | None = controller.programs.step_hook
-        self._hook: StepHook = self._statement
-        controller.programs.step_hook = self._hook
+        controller.programs.step_hook = self._statement
         self._unsubscribe = controller.subscribe(self._look)
 
     def end(self) -> None:
@@ -47,7 +46,7 @@ class LiveDebuggee(SteppedProgram):
         self._over = True
         self._unsubscribe()
         programs = self.controller.programs
-        if programs.step_hook is self._hook:
+        if programs.step_hook == self._statement:
             programs.step_hook = self._hook_before
         self._resume()
 

@@ -25,13 +25,6 @@ def cell(tmp_path):
     return file
 
 
-@pytest.fixture
-def client():
-    made = DebugClient()
-    yield made
-    made.close()
-
-
 def attach(client, emulated, file, breakpoints=(), functions=()):
     client.request("initialize", adapterID="test")
     client.request("attach", host=emulated.host, program=str(file))

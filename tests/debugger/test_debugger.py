@@ -14,13 +14,6 @@ pytestmark = pytest.mark.skipif(not can_branch(), reason="the system cannot copy
 
 
 @pytest.fixture
-def client():
-    made = DebugClient()
-    yield made
-    made.close()
-
-
-@pytest.fixture
 def cell(tmp_path):
     file = tmp_path / "cell.script"
     file.write_text(CELL)
