@@ -32,7 +32,7 @@ _URRTDE_SERVOJ: Final = 11  # ur_rtde's control script: first register int, the 
 _URRTDE_LOOKAHEAD: Final = 9
 _URRTDE_GAIN: Final = 10
 _NEAR_RAD: Final = 0.5  # guess: setpoints this close to the arm's joints are joint positions
-_FEWEST: Final = 20  # a stream has at least this many setpoints
+_FEWEST: Final = 20  # guess: a stream has at least this many setpoints
 _LINE = re.compile(rb"^[ \t]*(servoj|servoc|speedj|speedl|movej|movel)[ \t]*\(", re.MULTILINE)
 
 

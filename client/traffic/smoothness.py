@@ -28,24 +28,24 @@ from client.traffic.setpoints import (
 from urproto.joints import JOINT_LABELS
 from urproto.modes import RuntimeState, SafetyMode, mode_name
 
-_PAUSE_S: Final = 1.0  # a longer interval is a pause of the program's
+_PAUSE_S: Final = 1.0  # guess: a longer interval is a pause of the program's
 _GRID_S: Final = 0.002
 _WINDOW: Final = 30  # grid steps to each side of a fitted parabola
 _ROUGH_MRAD: Final = 1.0  # guess: more is felt at the arm
 _ROUGHER: Final = 1.5  # guess: a form this much rougher than the one before adds something of its own
-_GAP_PERIODS: Final = 2.5
-_LATE_S: Final = 0.004  # an interval longer by less is jitter
-_TOGETHER: Final = 0.5  # of the usual interval: setpoints closer to each other came together
-_REPEATED: Final = 0.4  # share of equal setpoints from which on they are a staircase
+_GAP_PERIODS: Final = 2.5  # guess: a longer interval is more than jitter
+_LATE_S: Final = 0.004  # guess: an interval longer by less is jitter
+_TOGETHER: Final = 0.5  # guess, of the usual interval: setpoints closer to each other came together
+_REPEATED: Final = 0.4  # guess: share of equal setpoints from which on they are a staircase
 _SLOW_HZ: Final = 60.0  # guess: fewer setpoints than this are felt as steps, even through servoj's filter
 _FAR_RAD: Final = 0.05  # guess: from here on, a first setpoint makes the arm jump
-_FASTEST_RAD_S: Final = 2 * np.pi  # of the fastest joints
-_EXPECTED: Final = 1.5  # times servoj's lag, before it is called large
+_FASTEST_RAD_S: Final = 2 * np.pi  # of the fastest joints: the wrists of a UR3 (urproto.robots)
+_EXPECTED: Final = 1.5  # guess: times servoj's lag, before it is called large
 _SLACK_S: Final = 0.03  # guess
-_PASSED: Final = 0.1  # of a roughness: more than this is worth a change of servoj's parameters
-_LONGEST_LAG_S: Final = 0.5
-_BACKLOG_S: Final = 0.05
-_LINES_HZ: Final = 2.0  # more scripts per second than this are a stream
+_PASSED: Final = 0.1  # guess, of a roughness: more than this is worth a change of servoj's parameters
+_LONGEST_LAG_S: Final = 0.5  # guess: servoj's is at most 0.13 s, by docs/reference/motion.md
+_BACKLOG_S: Final = 0.05  # guess: more is no error of measurement
+_LINES_HZ: Final = 2.0  # guess: more scripts per second than this are a stream
 _LISTED: Final = 5
 
 
